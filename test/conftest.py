@@ -1,0 +1,44 @@
+"""What every test may ask for."""
+
+from collections.abc import Callable
+import os
+import shutil
+
+import numpy as np
+import pytest
+
+
+@pytest.fixture
+def seed() -> int:
+    """Return the seed of a test; a test that needs another one states it."""
+    return 7
+
+
+@pytest.fixture
+def rng(seed) -> np.random.Generator:
+    """Return a generator of its own for every test."""
+    return np.random.default_rng(seed)
+
+
+@pytest.fixture
+def grid_shape() -> tuple[int, int]:
+    """Return (rows, cols) of a small grid; not square, so that a swap of axes shows."""
+    return 7, 5
+
+
+@pytest.fixture
+def require_program() -> Callable[[str], str]:
+    """
+    Return a function that gives a program's path, or ends the test without the program.
+
+    On a user's machine the test is skipped.  Under ``CI=true`` every program must be
+    there, so that no test goes missing without anybody noticing: the test fails.
+    """
+    def find(name: str) -> str:
+        path = shutil.which(name)
+        if path is None:
+            end = pytest.fail if os.environ.get('CI') == 'true' else pytest.skip
+            end(f'needs the program {name}, which is not on the path')
+        return path
+
+    return find
