@@ -1,0 +1,1 @@
+"""Motion and sensor models, scenarios, the simulator and the shared kernel."""

@@ -1,0 +1,60 @@
+"""Settings that nodes have beside those of their algorithm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from dataclasses import field
+
+from lowsnr_sensor.config import check_settings
+from lowsnr_sensor.config import setting
+from lowsnr_sensor.measurement import SensorModel
+
+
+@dataclass(frozen=True, kw_only=True)
+class NodeSettings:
+    """What every node has."""
+
+    autostart: bool = setting(
+        True, 'configure and activate the node by itself; false where a manager does it')
+    consumers: int = setting(
+        0, 'readers that the output must have, and every input a writer, before the node becomes '
+        'active; 0 waits for nobody', ge=0, le=100)
+    queue_depth: int = setting(
+        1000, 'messages kept for a slow reader; frames at most 256 MiB', ge=1, le=100_000)
+    seed: int = setting(0, 'root seed of the random streams', ge=0)
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulationSettings:
+    """What the simulated sensor shows, and how fast."""
+
+    sensor: SensorModel = field(default_factory=SensorModel)
+    scenario: str = setting('', 'path of the scenario file')
+    frames: int = setting(0, 'frames to publish, 0 for the length of the scenario', ge=0)
+    rate_hz: float = setting(
+        10.0, 'frames a second of wall time, whatever the frame period', gt=0.0, le=100_000.0)
+    lockstep: bool = setting(
+        False, 'publish a frame when the one before has been scored, not by the clock')
+    loop: bool = setting(False, 'repeat the scenario, with new noise, until stopped')
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DetectionSettings:
+    """Where on its curve of detection against false alarm a detector works."""
+
+    operating_point: str = setting(
+        'matched', "'matched': threshold calibrated to false_alarm_prob; 'nominal': as the test "
+        "is designed; 'manual': the parameter threshold", choices=('matched', 'nominal', 'manual'))
+    false_alarm_prob: float = setting(
+        0.01, 'share of empty frames with any declaration, when matched', gt=0.0, lt=1.0)
+    rows: int = setting(0, 'rows of a frame, 0 to take them from the first', ge=0, le=16384)
+    cols: int = setting(0, 'columns of a frame, 0 to take them from the first', ge=0, le=16384)
+
+    def __post_init__(self) -> None:
+        check_settings(self)

@@ -1,0 +1,27 @@
+"""End a node when the process that started it is gone."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+
+LIFELINE = 'LOWSNR_LIFELINE'
+
+
+def follow_parent() -> None:
+    """
+    End this process by SIGTERM once the starter's pipe closes.
+
+    The starter passes the read end of a pipe and names it in the environment; without that
+    this does nothing.
+    """
+    pipe = os.environ.pop(LIFELINE, None)
+    if pipe is not None:
+        threading.Thread(target=_wait_for_end, args=(int(pipe),), daemon=True).start()
+
+
+def _wait_for_end(pipe: int) -> None:
+    while os.read(pipe, 1):
+        pass
+    os.kill(os.getpid(), signal.SIGTERM)

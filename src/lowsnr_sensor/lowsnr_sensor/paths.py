@@ -1,0 +1,172 @@
+"""How an object of a scenario moves: along legs, through waypoints, or at random."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from lowsnr_sensor.config import check_settings
+from lowsnr_sensor.config import setting
+from lowsnr_sensor.motion import MotionModes
+from lowsnr_sensor.motion import POS
+from lowsnr_sensor.motion import process_noise_sqrt
+from lowsnr_sensor.motion import transition_matrix
+from lowsnr_sensor.motion import VEL
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+# Random paths are drawn many at a time, and the first that fits is taken.
+_DRAWS = 200
+_MOST_ROUNDS = 50
+
+
+@dataclass(frozen=True, kw_only=True)
+class Start:
+    """Where a manoeuvre starts and where it heads."""
+
+    x_m: float = setting(0.0, 'position along the columns [m]')
+    y_m: float = setting(0.0, 'position along the rows, down [m]')
+    heading_deg: float = setting(
+        0.0, 'direction of motion, from x towards y [deg]', ge=-360.0, le=360.0)
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Leg:
+    """One leg of a manoeuvre, up to and including a frame."""
+
+    until_frame: int = setting(1, 'last frame that the leg leads to', ge=1)
+    speed_mps: float = setting(0.5, 'speed [m/s]', ge=0.0)
+    turn_rate_deg_s: float = setting(
+        0.0, 'turn rate, from x towards y [deg/s]', ge=-360.0, le=360.0)
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Waypoint:
+    """Where the object is in a frame."""
+
+    frame: int = setting(1, 'frame', ge=1)
+    x_m: float = setting(0.0, 'position along the columns [m]')
+    y_m: float = setting(0.0, 'position along the rows, down [m]')
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+def path_along_legs(
+    start: Start, legs: Sequence[Leg], first_frame: int, period_s: float,
+    acceleration_density: float, rng: np.random.Generator,
+) -> np.ndarray:
+    """
+    Move by eq. (1), each leg with its speed and turn rate.
+
+    Parameters
+    ----------
+    start
+        Position and heading in the first frame; the speed is the first leg's.
+    legs
+        Legs in order; the heading carries on from one to the next.
+    first_frame
+        Frame of the start.
+    period_s
+        Time from a frame to the next [s].
+    acceleration_density
+        Process noise v_k [m^2/s^3], 0 for none.
+    rng
+        Source of the process noise.
+
+    Returns
+    -------
+    (frames, 4) ndarray
+        States [m, m/s].
+
+    """
+    heading = np.deg2rad(start.heading_deg)
+    state = np.array([start.x_m, np.cos(heading), start.y_m, np.sin(heading)])
+    direction = state[VEL]
+    state[VEL] = direction * legs[0].speed_mps
+    path, frame = [state], first_frame
+    factor = process_noise_sqrt(period_s, acceleration_density)
+    for leg in legs:
+        step = transition_matrix(period_s, np.deg2rad(leg.turn_rate_deg_s))
+        state = state.copy()
+        state[VEL] = direction * leg.speed_mps
+        while frame < leg.until_frame:
+            state = step @ state + factor @ rng.standard_normal(4)
+            path.append(state)
+            frame += 1
+        speed = np.hypot(*state[VEL])
+        direction = state[VEL] / speed if speed > 0.0 else direction
+    return np.array(path)
+
+
+def path_through_waypoints(waypoints: Sequence[Waypoint], period_s: float) -> np.ndarray:
+    """Return the (frames, 4) states [m, m/s] of a cubic spline through the waypoints."""
+    frames = np.array([point.frame for point in waypoints])
+    spline = CubicSpline(frames * period_s, [(point.x_m, point.y_m) for point in waypoints])
+    times = np.arange(frames[0], frames[-1] + 1) * period_s
+    path = np.empty((len(times), 4))
+    path[:, POS] = spline(times)
+    path[:, VEL] = spline(times, 1)
+    return path
+
+
+def path_at_random(
+    motion: MotionModes, count: int, extent_m: tuple[float, float], cell_size_m: float,
+    period_s: float, rng: np.random.Generator,
+) -> np.ndarray:
+    """
+    Draw a path from motion modes that stays in the frame and within the speed limits.
+
+    Parameters
+    ----------
+    motion
+        Modes, their switching and the limits of speed.
+    count
+        Frames the object is present.
+    extent_m
+        Width and height of the frame [m].
+    cell_size_m
+        Side of a cell [m].
+    period_s
+        Time from a frame to the next [s].
+    rng
+        Source of randomness.
+
+    Returns
+    -------
+    (count, 4) ndarray
+        States [m, m/s].
+
+    Raises
+    ------
+    ValueError
+        If no path fits into the frame.
+
+    """
+    low = np.full(2, -cell_size_m / 2)
+    high = np.array(extent_m) - cell_size_m / 2
+    for _ in range(_MOST_ROUNDS):
+        states = np.empty((_DRAWS, 4))
+        states[:, POS] = rng.uniform(low, high, (_DRAWS, 2))
+        states[:, VEL] = motion.draw_velocity((_DRAWS,), rng)
+        modes = rng.integers(motion.count, size=_DRAWS)
+        steps = [states]
+        while len(steps) < count:
+            modes = motion.switch(modes, period_s, rng)
+            steps.append(motion.move(steps[-1], modes, period_s, rng))
+        paths = np.stack(steps, axis=1)
+        speed = np.linalg.norm(paths[..., VEL], axis=-1)
+        fits = np.all((paths[..., POS] >= low) & (paths[..., POS] < high), axis=(1, 2))
+        fits &= np.all(
+            (speed >= motion.min_speed_mps) & (speed <= motion.max_speed_mps), axis=1)
+        if fits.any():
+            return paths[fits.argmax()]
+    raise ValueError(
+        f'no random path of {count} frames fits into a frame of '
+        f'{extent_m[0]:g} x {extent_m[1]:g} m at these speeds')

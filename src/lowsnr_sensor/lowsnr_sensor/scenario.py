@@ -1,0 +1,210 @@
+"""
+Scenarios: which objects exist when, and how they move.
+
+A scenario is a YAML file (the commented ones in ``config/scenarios`` are the manual).
+Frames are numbered from 1, as in the paper.  An object is described in one of three ways:
+by the legs of a manoeuvre, by waypoints, or as a random draw from motion modes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+from typing import TypeVar
+
+from lowsnr_sensor.config import check_settings
+from lowsnr_sensor.config import check_values
+from lowsnr_sensor.config import setting
+from lowsnr_sensor.motion import MotionModes
+from lowsnr_sensor.paths import Leg
+from lowsnr_sensor.paths import path_along_legs
+from lowsnr_sensor.paths import path_at_random
+from lowsnr_sensor.paths import path_through_waypoints
+from lowsnr_sensor.paths import Start
+from lowsnr_sensor.paths import Waypoint
+from lowsnr_sensor.records import Truth
+import numpy as np
+import yaml
+
+T = TypeVar('T')
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScenarioObject:
+    """One object: when it is there, how bright it is, how it moves."""
+
+    id: str = setting('object', 'name of the object, its id in ground_truth')  # noqa: A003
+    first_frame: int = setting(1, 'frame in which it appears', ge=1)
+    last_frame: int = setting(1, 'last frame in which it is present', ge=1)
+    snr_offset_db: float = setting(
+        0.0, "its SNR less the scenario's [dB]", ge=-60.0, le=60.0)
+    start: Start | None = None
+    legs: tuple[Leg, ...] = ()
+    waypoints: tuple[Waypoint, ...] = ()
+    random: MotionModes | None = None
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+        if not self.id:
+            raise ValueError('id is empty, must be a name')
+        if self.last_frame < self.first_frame:
+            raise ValueError(f'last_frame = {self.last_frame}, must be at least first_frame')
+        if sum(map(bool, (self.legs, self.waypoints, self.random))) != 1:
+            raise ValueError('an object has one of legs, waypoints and random')
+        if bool(self.legs) != bool(self.start):
+            raise ValueError('start and legs go together')
+        ends = [leg.until_frame for leg in self.legs] or [p.frame for p in self.waypoints]
+        if ends != sorted(set(ends)) or (ends and ends[0] < self.first_frame):
+            raise ValueError('the frames of legs or waypoints must increase from first_frame on')
+        if ends and ends[-1] != self.last_frame:
+            raise ValueError(f'the last leg or waypoint must end at last_frame {self.last_frame}')
+        if self.waypoints and (len(ends) < 2 or ends[0] != self.first_frame):
+            raise ValueError('waypoints are two or more, the first at first_frame')
+
+    def path(self, scenario: Scenario, period_s: float, cell_size_m: float,
+             rng: np.random.Generator) -> np.ndarray:
+        """Return its states from first_frame to last_frame, (frames, 4) [m, m/s]."""
+        count = self.last_frame - self.first_frame + 1
+        if self.random is not None:
+            extent = (scenario.cols * cell_size_m, scenario.rows * cell_size_m)
+            return path_at_random(self.random, count, extent, cell_size_m, period_s, rng)
+        if self.waypoints:
+            return path_through_waypoints(self.waypoints, period_s)
+        assert self.start is not None
+        return path_along_legs(
+            self.start, self.legs, self.first_frame, period_s,
+            scenario.acceleration_density, rng)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scenario:
+    """Frame size, length, SNR and the objects."""
+
+    description: str = setting('', 'what the scenario shows')
+    frames: int = setting(40, 'number of frames K', ge=1, le=1_000_000)
+    rows: int = setting(20, 'rows of a frame', ge=1, le=16384)
+    cols: int = setting(20, 'columns of a frame', ge=1, le=16384)
+    snr_db: float = setting(6.0, 'SNR of the objects [dB]', ge=-30.0, le=80.0)
+    snrs_db: tuple[float, ...] = setting(
+        (), 'SNRs studied by Monte Carlo [dB]', ge=-30.0, le=80.0)
+    acceleration_density: float = setting(
+        0.0, 'process noise v_k of eq. (1) on legs, spectral density [m^2/s^3]', ge=0.0)
+    objects: tuple[ScenarioObject, ...] = ()
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+        for item in self.objects:
+            if item.first_frame > self.frames:
+                raise ValueError(
+                    f'object {item.id}: first_frame = {item.first_frame}, must be at most '
+                    f'frames = {self.frames}')
+        names = [item.id for item in self.objects]
+        if len(set(names)) != len(names):
+            raise ValueError(f'objects {names} must have different ids')
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of a frame."""
+        return self.rows, self.cols
+
+    def truth(
+        self, period_s: float, cell_size_m: float, rng: np.random.Generator,
+    ) -> list[list[Truth]]:
+        """
+        Draw where every object is in every frame.
+
+        Parameters
+        ----------
+        period_s
+            Time from a frame to the next [s].
+        cell_size_m
+            Side of a cell [m]; an object outside the frame is absent.
+        rng
+            Source of randomness for process noise and random objects.
+
+        Returns
+        -------
+        list of list of Truth
+            The objects present in frame k at index k - 1.
+
+        """
+        present: list[list[Truth]] = [[] for _ in range(self.frames)]
+        limit = np.array([self.cols, self.rows]) * cell_size_m
+        for item in self.objects:
+            path = item.path(self, period_s, cell_size_m, rng)
+            for k, state in enumerate(path, start=item.first_frame):
+                corner = state[[0, 2]] + cell_size_m / 2
+                if k <= self.frames and np.all(corner >= 0) and np.all(corner < limit):
+                    present[k - 1].append(Truth(item.id, state, item.snr_offset_db))
+        return present
+
+
+def load_scenario(path: Path, period_s: float = 1.0, cell_size_m: float = 1.0) -> Scenario:
+    """
+    Read a scenario file and check it whole.
+
+    Raises
+    ------
+    ValueError
+        One line that names the file, the key and what is allowed; also where a
+        trajectory without process noise leaves the frame.
+
+    """
+    try:
+        tree = yaml.safe_load(path.read_text(encoding='utf-8'))
+        scenario = _parse(Scenario, tree, '')
+        _check_inside(scenario, period_s, cell_size_m)
+    except OSError as error:
+        raise ValueError(f'{path}: cannot be read: {error.strerror}') from None
+    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
+        raise ValueError(f'{path}: not YAML: {" ".join(str(error).split())}') from None
+    except ValueError as error:
+        raise ValueError(f'{path}: {error}') from None
+    return scenario
+
+
+_PARTS: dict[str, type] = {
+    'objects': ScenarioObject, 'start': Start, 'legs': Leg, 'waypoints': Waypoint,
+    'random': MotionModes,
+}
+
+
+def _parse(cls: type[T], tree: Any, where: str) -> T:
+    """Build a settings class, with its nested parts, from what YAML holds."""
+    if not isinstance(tree, Mapping):
+        raise ValueError(f'{where or "the file"} must be a mapping of keys to values')
+    parts = {item.name for item in fields(cls) if item.name in _PARTS}  # type: ignore[arg-type]
+    values: dict[str, Any] = {}
+    for key in parts & set(tree):
+        part, here = tree[key], f'{where}.{key}'.lstrip('.')
+        if key in ('objects', 'legs', 'waypoints'):
+            if not isinstance(part, list):
+                raise ValueError(f'{here} must be a list')
+            values[key] = tuple(
+                _parse(_PARTS[key], item, f'{here}[{n}]') for n, item in enumerate(part))
+        else:
+            values[key] = _parse(_PARTS[key], part, here)
+    try:
+        values |= check_values(cls, {str(k): v for k, v in tree.items() if k not in parts})
+        return cls(**values)
+    except ValueError as error:
+        raise ValueError(f'{where}: {error}' if where else str(error)) from None
+
+
+def _check_inside(scenario: Scenario, period_s: float, cell_size_m: float) -> None:
+    limit = np.array([scenario.cols, scenario.rows]) - 0.5
+    for item in scenario.objects:
+        path = item.path(scenario, period_s, cell_size_m, np.random.default_rng(0))
+        if scenario.acceleration_density > 0.0:
+            continue
+        pixel = path[:, [0, 2]] / cell_size_m
+        outside = np.any((pixel < -0.5) | (pixel >= limit), axis=1)
+        if outside.any():
+            k = int(outside.argmax())
+            x, y = pixel[k]
+            raise ValueError(
+                f'object {item.id} leaves the frame at frame {item.first_frame + k} '
+                f'(column {x:.1f}, row {y:.1f} of {scenario.cols} x {scenario.rows} cells)')

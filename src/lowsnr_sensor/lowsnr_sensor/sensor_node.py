@@ -1,0 +1,128 @@
+"""The sensor node: publishes frames and truth of a scenario."""
+
+from __future__ import annotations
+
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from lowsnr_sensor.node_settings import SimulationSettings
+from lowsnr_sensor.records import Estimate
+from lowsnr_sensor.ros import messages
+from lowsnr_sensor.ros.params import declare
+from lowsnr_sensor.ros.runtime import frame_depth
+from lowsnr_sensor.ros.runtime import ManagedNode
+from lowsnr_sensor.ros.runtime import reliable
+from lowsnr_sensor.ros.runtime import run
+from lowsnr_sensor.scenario import load_scenario
+from lowsnr_sensor.simulator import simulate_frame
+from lowsnr_sensor.streams import stream
+from nav_msgs.msg import Odometry
+import numpy as np
+from rclpy.duration import Duration
+from rclpy.lifecycle import LifecycleState
+from rclpy.lifecycle import TransitionCallbackReturn
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Image
+from std_msgs.msg import Header
+from vision_msgs.msg import Detection2DArray
+
+FRAME_ID = 'sensor'
+
+
+class SensorNode(ManagedNode):
+    """
+    Publish ``image_raw``, ``ground_truth``, ``ground_truth/odometry`` and ``/clock``.
+
+    Frame k carries the stamp k T.  Frames follow the wall clock at ``rate_hz``, or, in
+    lockstep, the evaluator's word that the frame before is scored.  After the last frame
+    the node shuts its process down.
+    """
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__('sensor', **kwargs)
+        self.simulation = declare(self, SimulationSettings)
+        model = self.simulation.sensor
+        self.scenario = load_scenario(
+            Path(self.simulation.scenario), model.frame_period_s, model.cell_size_m)
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Draw the truth and create the publishers."""
+        depth, model = self.settings.queue_depth, self.simulation.sensor
+        self._noise = stream(self.settings.seed, 'noise')
+        self._truth = self.scenario.truth(
+            model.frame_period_s, model.cell_size_m, stream(self.settings.seed, 'truth'))
+        last = self.simulation.frames or self.scenario.frames
+        self._last_stamp = -1
+        self._frames = iter(count(1) if self.simulation.loop else range(1, last + 1))
+        self._image = self.create_publisher(
+            Image, 'image_raw', reliable(frame_depth(depth, *self.scenario.shape)))
+        self._array = self.create_publisher(
+            Detection2DArray, 'ground_truth', reliable(depth))
+        self._odometry = self.create_publisher(
+            Odometry, 'ground_truth/odometry', reliable(depth))
+        self._data_time = self.create_publisher(Clock, '/clock', reliable(depth))
+        self.outputs = {
+            self._image: self.settings.consumers, self._array: bool(self.settings.consumers),
+            self._odometry: bool(self.settings.consumers)}
+        self.listen(DiagnosticArray, 'scored', self._on_scored, reliable(depth))
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Start the frames as soon as the readers are there."""
+        result = super().on_activate(state)
+        self._timer = self.create_timer(1.0 / self.simulation.rate_hz, self._on_timer)
+        return result
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop the frames."""
+        self.destroy_timer(self._timer)
+        return super().on_deactivate(state)
+
+    def _on_timer(self) -> None:
+        if self.simulation.lockstep:
+            self._timer.cancel()
+        self._publish_next()
+
+    def _on_scored(self, message: DiagnosticArray) -> None:
+        waited_for = messages.stamp_key(message.header.stamp) == self._last_stamp
+        if self.active and self.simulation.lockstep and waited_for:
+            self._publish_next()
+
+    def _publish_next(self) -> None:
+        k = next(self._frames, None)
+        if k is None:
+            self._finish()
+            return
+        header = Header(
+            stamp=messages.stamp_from_seconds(k * self.simulation.sensor.frame_period_s),
+            frame_id=FRAME_ID)
+        self._last_stamp = messages.stamp_key(header.stamp)
+        objects = self._truth[(k - 1) % len(self._truth)]
+        estimates = [Estimate(o.state, np.zeros((4, 4)), 1.0, o.id) for o in objects]
+        frame = simulate_frame(
+            objects, self.simulation.sensor, self.scenario.shape, self._noise)
+        self._data_time.publish(Clock(clock=header.stamp))
+        for item in estimates:
+            self._odometry.publish(messages.estimate_to_odometry(item, header))
+        self._array.publish(messages.estimates_to_array(
+            estimates, header, self.simulation.sensor.cell_size_m))
+        self._image.publish(messages.frame_to_image(frame, header))
+        self.counts['out'] += 1
+
+    def _finish(self) -> None:
+        """End the process once every reader has acknowledged every message."""
+        for publisher in (self._odometry, self._array, self._image):
+            publisher.wait_for_all_acked(Duration(seconds=10))
+        self.report()
+        self.context.try_shutdown()
+
+
+def main(args: list[str] | None = None) -> None:
+    """Entry point of ``ros2 run lowsnr_sensor sensor_node``."""
+    run(SensorNode, args)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,48 @@
+"""The simulated sensor: truth and noise make frames, eqs. (2) and (3)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from lowsnr_sensor.measurement import SensorModel
+from lowsnr_sensor.records import Truth
+import numpy as np
+
+
+def simulate_frame(
+    objects: Sequence[Truth], sensor: SensorModel, shape: tuple[int, int],
+    rng: np.random.Generator,
+) -> np.ndarray:
+    """
+    Return one frame Z_k with the given objects.
+
+    Parameters
+    ----------
+    objects
+        Objects present; an object's own SNR is the sensor's plus its offset.
+    sensor
+        Noise, blur and intensity.
+    shape
+        Rows and columns.
+    rng
+        Source of the noise w_k.
+
+    Returns
+    -------
+    (rows, cols) ndarray of float32
+        Cell intensities, as they go over the wire.
+
+    """
+    frame = sensor.noise_std * rng.standard_normal(shape)
+    for item in objects:
+        scale = 10.0 ** (item.snr_offset_db / 20.0)
+        frame += scale * sensor.signal(item.state, shape)
+    return frame.astype(np.float32)
+
+
+def simulate_frames(
+    truth: Sequence[Sequence[Truth]], sensor: SensorModel, shape: tuple[int, int],
+    rng: np.random.Generator,
+) -> np.ndarray:
+    """Return the (K, rows, cols) float32 frames of a whole run, as they come one by one."""
+    return np.stack([simulate_frame(objects, sensor, shape, rng) for objects in truth])
