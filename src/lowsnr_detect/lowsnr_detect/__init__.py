@@ -1,0 +1,1 @@
+"""Detectors of weak objects, their registry and their calibration."""

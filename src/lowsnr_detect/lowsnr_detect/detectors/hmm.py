@@ -1,0 +1,162 @@
+"""
+HMM: the Bayes-Markov filter on the grid of cells, exact for what its moves assume.
+
+The belief is the probability of every cell together with up to two last moves, and the
+existence of the object (Section V); frame by frame it is moved on, mixed with births and
+multiplied with the likelihood ratio of every cell.  Nothing is sampled and no path is dropped,
+so that no detector with the same assumptions does better.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from dataclasses import field
+from dataclasses import replace
+from typing import ClassVar
+
+from lowsnr_detect.detector import Declarations
+from lowsnr_detect.existence import declare_posterior
+from lowsnr_detect.existence import Existence
+from lowsnr_detect.gridfilter import born_belief
+from lowsnr_detect.gridfilter import cell_moments
+from lowsnr_detect.gridfilter import expect_belief
+from lowsnr_detect.gridfilter import move_belief
+from lowsnr_detect.gridfilter import total
+from lowsnr_detect.moves import move_model
+from lowsnr_detect.moves import MoveModel
+from lowsnr_detect.registry import register
+from lowsnr_sensor.config import check_settings
+from lowsnr_sensor.config import setting
+from lowsnr_sensor.measurement import SensorModel
+from lowsnr_sensor.motion import MotionModes
+import numpy as np
+
+# An outlier may leave nothing else possible; what is so is not zero, so that it has a log.
+_IMPOSSIBLE = 1e-200
+
+
+@dataclass(frozen=True)
+class Belief:
+    """
+    What is known after a frame.
+
+    Parameters
+    ----------
+    given : (dropped, kept, ..., rows, cols) ndarray
+        Probability of history and cell, given that there is an object.
+    log_odds : (...,) ndarray
+        Log odds of existence [nat].
+    ratio : (..., rows, cols) ndarray
+        Log-likelihood ratio of the frame [nat].
+
+    """
+
+    given: np.ndarray
+    log_odds: np.ndarray
+    ratio: np.ndarray
+
+
+@register('hmm')
+@dataclass(frozen=True, kw_only=True)
+class HMM:
+    """Forward recursion of ``p(cell, last moves, E_k | Z^k)``, with an optional fixed lag."""
+
+    feedback: ClassVar[bool] = False
+    local: ClassVar[bool] = False
+    # Errors of successive positions are correlated over about three frames at 6 to 9 dB.
+    frames_per_declaration: ClassVar[int] = 3
+
+    sensor: SensorModel = field(default_factory=SensorModel)
+    motion: MotionModes = field(default_factory=MotionModes)
+    existence: Existence = field(default_factory=Existence)
+    order: int = setting(2, 'last moves that the next one depends on', ge=0, le=2)
+    lag: int = setting(
+        0, 'frames that an answer waits for; it is then about the frame so long ago', ge=0, le=20)
+    threshold: float = setting(
+        0.0, 'log posterior odds of existence above which an object is declared [nat]')
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+    def nominal(self) -> HMM:
+        """Return the detector that declares what is more likely than not."""
+        return replace(self, threshold=0.0)
+
+    def init(self, shape: tuple[int, ...]) -> tuple[Belief, ...]:
+        """Return the beliefs of the last ``lag + 1`` frames, none at first."""
+        return ()
+
+    def step(
+        self, state: tuple[Belief, ...], frame: np.ndarray, rng: np.random.Generator,
+    ) -> tuple[tuple[Belief, ...], Declarations]:
+        """
+        Advance by a frame and declare the object of the frame ``lag`` frames ago.
+
+        Parameters
+        ----------
+        state : tuple of Belief
+            Beliefs after the last frames, the newest last.
+        frame : (..., rows, cols) ndarray
+            Cell intensities.
+        rng
+            Not used; the filter is deterministic.
+
+        """
+        model = move_model(self.motion, self.sensor, self.order)
+        ratio = self.sensor.log_likelihood_ratio(frame)
+        state = (*state[-self.lag or len(state):], self._filtered(model, state, ratio))
+        log_odds, given = self._smoothed(model, state)
+        if len(state) <= self.lag:
+            log_odds = np.full_like(log_odds, -np.inf)
+        return state, declare_posterior(
+            log_odds, self.threshold,
+            lambda found: cell_moments(given[:, :, found], model, self.sensor.cell_size_m))
+
+    def _filtered(
+        self, model: MoveModel, state: tuple[Belief, ...], ratio: np.ndarray,
+    ) -> Belief:
+        """Predict and weigh, keeping the belief normalised and its mass in the log odds."""
+        last = state[-1] if state else None
+        born, stays, absent = self.existence.predict(last.log_odds if last else None)
+        peak = ratio.max(axis=(-2, -1))
+        weight = np.exp(ratio - _plane(peak))
+        given = born_belief(model, ratio.shape) * (_plane(born) * weight)
+        if last is not None:
+            moved = move_belief(model, last.given)
+            absent = absent + stays * (1.0 - total(moved))
+            moved *= _plane(stays) * weight
+            given += moved
+        mass = total(given)
+        given /= _plane(mass)
+        return Belief(given, np.log(mass) + peak - np.log(absent), ratio)
+
+    def _smoothed(
+        self, model: MoveModel, state: tuple[Belief, ...],
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return log odds and belief of the oldest frame, given all up to the newest."""
+        then = state[0]
+        if len(state) == 1:
+            return then.log_odds, then.given
+        # Likelihood of the later frames, relative to that without an object in this one.
+        ahead = np.ones_like(then.given)
+        chain, anywhere = self.existence, born_belief(model, then.ratio.shape)
+        inside = np.ones((*model.history.shape, *then.ratio.shape[-2:]))
+        lives_on = 1.0 - chain.death_prob
+        gone = 1.0 - lives_on * expect_belief(model, inside)
+        gone = gone.reshape(*model.history.shape, *[1] * then.log_odds.ndim, *inside.shape[-2:])
+        for later in state[:0:-1]:
+            peak = np.maximum(later.ratio.max(axis=(-2, -1)), 0.0)
+            value = ahead * np.exp(later.ratio - _plane(peak))
+            nothing = np.exp(-peak)
+            appears = total(anywhere * value)
+            empty = (1.0 - chain.birth_prob) * nothing + chain.birth_prob * appears
+            ahead = lives_on * expect_belief(model, value) + gone * _plane(nothing)
+            ahead = np.maximum(ahead / _plane(empty), _IMPOSSIBLE)
+        given = then.given * ahead
+        mass = total(given)
+        return then.log_odds + np.log(mass), given / _plane(mass)
+
+
+def _plane(value: np.ndarray) -> np.ndarray:
+    """Give (...,) the axes of rows and columns."""
+    return value[..., None, None]

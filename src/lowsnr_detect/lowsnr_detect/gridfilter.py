@@ -1,0 +1,129 @@
+"""
+The Bayes-Markov filter on a grid: the arithmetic of one step, forwards and backwards.
+
+A belief is an array ``(dropped, kept, ..., rows, cols)``: the probability of each history of
+moves (see :class:`lowsnr_detect.moves.MoveModel`) and cell, leading axes of the frame between.
+"""
+
+from __future__ import annotations
+
+from lowsnr_detect.moves import MoveModel
+from lowsnr_detect.moves import shifted
+import numpy as np
+
+# From p_x, p_y, v_x, v_y to the order of a state.
+_ORDER = [0, 2, 1, 3]
+
+
+def move_belief(model: MoveModel, belief: np.ndarray) -> np.ndarray:
+    """
+    Move a belief on by one frame.
+
+    Parameters
+    ----------
+    model
+        Probabilities of the moves.
+    belief : (dropped, kept, ..., rows, cols) ndarray
+        Probability of each history and cell.
+
+    Returns
+    -------
+    (dropped, kept, ..., rows, cols) ndarray
+        The same after the move; its sum is less by what moved out of the frame.
+
+    """
+    dropped, kept, *rest = belief.shape
+    flat = belief.reshape(dropped, kept, -1).swapaxes(0, 1)
+    spread = (model.kernel @ flat).reshape(kept, -1, *rest)
+    for number, move in enumerate(model.moves):
+        spread[:, number] = shifted(spread[:, number], move, 0.0)
+    return _as_history(spread, model.history.shape)
+
+
+def expect_belief(model: MoveModel, value: np.ndarray) -> np.ndarray:
+    """
+    Return what is expected of a value after the move, by where it starts.
+
+    It is the adjoint of :func:`move_belief`.
+
+    Parameters
+    ----------
+    model
+        Probabilities of the moves.
+    value : (dropped, kept, ..., rows, cols) ndarray
+        Value of each history and cell after the move; zero outside the frame.
+
+    Returns
+    -------
+    (dropped, kept, ..., rows, cols) ndarray
+        Its expectation before the move.
+
+    """
+    kept, count = model.history.shape[1], len(model.moves)
+    by_move = value.swapaxes(0, 1) if kept == 1 else value
+    by_move = np.broadcast_to(by_move, (kept, count, *value.shape[2:]))
+    back = np.stack([
+        shifted(by_move[:, number], -move, 0.0) for number, move in enumerate(model.moves)],
+        axis=1)
+    expected = model.kernel.swapaxes(1, 2) @ back.reshape(kept, count, -1)
+    return expected.swapaxes(0, 1).reshape(value.shape)
+
+
+def born_belief(model: MoveModel, shape: tuple[int, ...]) -> np.ndarray:
+    """Return where an object appears, (dropped, kept, 1, ..., 1): alike in every cell."""
+    rows, cols = shape[-2:]
+    share = model.history / (rows * cols)
+    return share.reshape(*share.shape, *[1] * len(shape))
+
+
+def total(belief: np.ndarray) -> np.ndarray:
+    """Return the sum over histories and cells, (...,)."""
+    return belief.sum(axis=(0, 1, -2, -1))
+
+
+def _as_history(spread: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Give (kept, n, ...) the axes (dropped, kept, ...) after the move."""
+    if shape == (1, 1):
+        return spread.sum(axis=1, keepdims=True)
+    return spread.swapaxes(0, 1) if shape[1] == 1 else spread
+
+
+def cell_moments(
+    belief: np.ndarray, model: MoveModel, cell_size_m: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return mean and covariance of the state of a normalised belief.
+
+    Parameters
+    ----------
+    belief : (dropped, kept, ..., rows, cols) ndarray
+        Probability of each history and cell, with sum one.
+    model
+        Velocity that each history stands for.
+    cell_size_m
+        Side of a cell [m].
+
+    Returns
+    -------
+    (..., 4) ndarray
+        Mean ``[p_x, v_x, p_y, v_y]`` [m, m/s].
+    (..., 4, 4) ndarray
+        Covariance; within a cell the position is uniform and independent of the velocity.
+
+    """
+    count, cols = model.history.size, belief.shape[-1]
+    joint = np.moveaxis(belief.reshape(count, *belief.shape[2:]), 0, -3)
+    joint = joint.reshape(*joint.shape[:-2], -1)
+    position = cell_size_m * np.stack(
+        np.divmod(np.arange(joint.shape[-1]), cols)[::-1], axis=-1)
+    velocity = model.velocity.reshape(count, 2)
+    by_cell, by_history, between = joint.sum(axis=-2), joint.sum(axis=-1), joint @ position
+    mean = np.concatenate([by_cell @ position, by_history @ velocity], axis=-1)
+    cross = between.swapaxes(-1, -2) @ velocity
+    squares = velocity[:, :, None] * velocity[:, None, :] + model.velocity_cov.reshape(-1, 2, 2)
+    second = np.block([
+        [np.einsum('...c,ci,cj->...ij', by_cell, position, position), cross],
+        [cross.swapaxes(-1, -2), np.einsum('...h,hij->...ij', by_history, squares)]])
+    cov = second - mean[..., :, None] * mean[..., None, :]
+    cov[..., :2, :2] += cell_size_m**2 / 12.0 * np.eye(2)
+    return mean[..., _ORDER], cov[..., _ORDER, :][..., _ORDER]

@@ -1,0 +1,51 @@
+"""The calibration command prints a table, fills the cache, and names what is wrong."""
+
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+import pytest
+
+COMMAND = Path(__file__).resolve().parents[2] / 'scripts' / 'calibrate.py'
+SMALL = ('--detector', 'cdt', 'sdt', '--rows', '7', '--cols', '5', '--false-alarm-prob', '0.1')
+
+
+@pytest.fixture
+def calibrate(tmp_path):
+    """Return a function that runs the command with a cache of its own."""
+    def run(*arguments):
+        return subprocess.run(
+            [sys.executable, COMMAND, *arguments], capture_output=True, text=True, timeout=120,
+            check=False, env={**os.environ, 'XDG_CACHE_HOME': str(tmp_path)})
+    return run
+
+
+def test_table_has_a_row_for_each_detector_and_snr(calibrate, tmp_path):
+    done = calibrate(*SMALL, '--snr', '3', '9', '--set', 'sdt.max_iterations=3')
+    assert done.returncode == 0, done.stderr
+    rows = [line.split() for line in done.stdout.splitlines()]
+    assert [row[:2] for row in rows[1:]] == [
+        ['cdt', '3'], ['sdt', '3'], ['cdt', '9'], ['sdt', '9']]
+    assert len(list((tmp_path / 'lowsnr').glob('*.json'))) == 4
+    assert calibrate(*SMALL, '--snr', '3', '9', '--set',
+                     'sdt.max_iterations=3').stdout == done.stdout
+
+
+@pytest.mark.parametrize(('arguments', 'culprit'), [
+    (['--detector', 'std'], 'did you mean sdt?'),
+    (['--snr', 'six'], "'six' is not a number"),
+    (['--false-alarm-prob', '2'], 'false_alarm_prob = 2.0'),
+    (['--scenario', 'nowhere'], 'nowhere'),
+    (['--set', 'sdt.radius=-1'], 'radius = -1')])
+def test_wrong_option_is_named_in_one_line(calibrate, arguments, culprit):
+    done = calibrate(*arguments)
+    assert done.returncode == 2
+    assert culprit in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_help_shows_an_example(calibrate):
+    done = calibrate('--help')
+    assert done.returncode == 0
+    assert 'example: python scripts/calibrate.py' in done.stdout

@@ -1,0 +1,119 @@
+"""The grid filter is the sum over all trajectories."""
+
+from dataclasses import replace
+
+from detect import oracles
+from lowsnr_detect.detectors.hmm import HMM
+from lowsnr_detect.existence import Existence
+from lowsnr_detect.moves import move_model
+from lowsnr_sensor.measurement import SensorModel
+from lowsnr_sensor.motion import MotionModes
+import numpy as np
+import pytest
+
+SHAPE = (4, 3)
+FRAMES = 5
+SENSOR = SensorModel(snr_db=4.0)
+EXISTENCE = Existence(birth_prob=0.1, death_prob=0.2, initial_prob=0.3)
+ALWAYS = -1e9
+
+
+def run(detector, frames):
+    """Return the declarations of frames (K, ..., rows, cols)."""
+    state, answers = detector.init(frames.shape[1:]), []
+    for frame in frames:
+        state, declared = detector.step(state, frame, None)
+        answers.append(declared)
+    return answers
+
+
+def exact(detector, frames, at=-1):
+    """Return log odds and mean position of frame ``at`` by enumeration."""
+    model = move_model(detector.motion, detector.sensor, detector.order)
+    lives = oracles.grid_lives(
+        frames.shape[1:], model.moves, model.kernel, model.history, len(frames))
+    chain = detector.existence
+    return oracles.presence(
+        detector.sensor.log_likelihood_ratio(frames), lives, chain.birth_prob,
+        chain.death_prob, chain.initial_prob, at)
+
+
+@pytest.mark.parametrize('order', [0, 1, 2])
+def test_posterior_is_the_sum_over_all_trajectories(rng, order):
+    # Order 2 costs the enumeration 81 histories for each of its sequences.
+    count = FRAMES if order < 2 else FRAMES - 1
+    detector = HMM(sensor=SENSOR, existence=EXISTENCE, order=order, threshold=ALWAYS)
+    frames = rng.standard_normal((count, *SHAPE))
+    answers = run(detector, frames)
+    for k in range(1, count + 1):
+        log_odds, position = exact(detector, frames[:k])
+        assert answers[k - 1].peak == pytest.approx(log_odds, abs=1e-10)
+        assert answers[k - 1].state[0, [0, 2]] == pytest.approx(position, abs=1e-10)
+
+
+@pytest.mark.parametrize('lag', [1, 2, 3])
+def test_fixed_lag_is_the_sum_over_all_trajectories_with_later_frames(rng, lag):
+    detector = HMM(sensor=SENSOR, existence=EXISTENCE, order=1, lag=lag, threshold=ALWAYS)
+    frames = rng.standard_normal((FRAMES, *SHAPE))
+    answers = run(detector, frames)
+    for k in range(1, FRAMES + 1):
+        if k <= lag:
+            assert not answers[k - 1].any
+            continue
+        log_odds, position = exact(detector, frames[:k], at=k - 1 - lag)
+        assert answers[k - 1].peak == pytest.approx(log_odds, abs=1e-10)
+        assert answers[k - 1].state[0, [0, 2]] == pytest.approx(position, abs=1e-10)
+
+
+@pytest.mark.parametrize('lag', [0, 2])
+@pytest.mark.parametrize('order', [0, 1, 2])
+def test_flat_likelihood_leaves_existence_at_its_prior(order, lag):
+    # An object at rest cannot leave the frame, so that the chain is all there is.
+    motion = MotionModes(max_speed_mps=1e-9, acceleration_density=0.0)
+    detector = HMM(sensor=SENSOR, motion=motion, existence=EXISTENCE, order=order, lag=lag)
+    # One part in 400 000 of the moves is not at rest: none is impossible in the model.
+    flat = np.full((8, *SHAPE), SENSOR.intensity / 2.0)
+    prob = EXISTENCE.initial_prob
+    for declared in run(detector, flat)[lag:]:
+        assert 1.0 / (1.0 + np.exp(-declared.peak)) == pytest.approx(prob, abs=1e-4)
+        prob = EXISTENCE.birth_prob * (1 - prob) + (1 - EXISTENCE.death_prob) * prob
+
+
+def test_covariance_is_that_of_the_posterior(rng):
+    detector = HMM(sensor=SENSOR, existence=EXISTENCE, order=1, threshold=ALWAYS)
+    frames = rng.standard_normal((3, *SHAPE))
+    state = detector.init(SHAPE)
+    for frame in frames:
+        state, declared = detector.step(state, frame, None)
+    model, belief = move_model(detector.motion, SENSOR, 1), state[-1].given
+    mean, second = np.zeros(4), np.zeros((4, 4))
+    within = np.zeros((4, 4))
+    within[0, 0] = within[2, 2] = 1.0 / 12.0
+    for (dropped, kept, row, col), prob in np.ndenumerate(belief):
+        velocity = model.velocity[dropped, kept]
+        x = np.array([col, velocity[0], row, velocity[1]])
+        inner = within.copy()
+        inner[np.ix_([1, 3], [1, 3])] = model.velocity_cov[dropped, kept]
+        mean += prob * x
+        second += prob * (np.outer(x, x) + inner)
+    assert belief.sum() == pytest.approx(1.0)
+    assert declared.state[0] == pytest.approx(mean)
+    assert declared.cov[0] == pytest.approx(second - np.outer(mean, mean))
+
+
+@pytest.mark.parametrize('lag', [0, 3])
+def test_outliers_far_apart_leave_numbers(lag):
+    detector = HMM(sensor=SENSOR, lag=lag, threshold=-50.0)
+    frames = np.zeros((8, 7, 5))
+    for k, cell in ((1, (0, 0)), (2, (6, 4)), (3, (0, 4))):
+        frames[(k, *cell)] = 1e6
+    for declared in run(detector, frames)[lag:]:
+        assert np.isfinite(declared.peak)
+        assert np.isfinite(declared.state).all() or not declared.any
+
+
+@pytest.mark.parametrize('snr_db', [-20.0, 60.0])
+def test_extreme_snr_leaves_numbers(rng, snr_db):
+    detector = HMM(sensor=replace(SENSOR, snr_db=snr_db), lag=2)
+    answers = run(detector, rng.standard_normal((6, 7, 5)))
+    assert all(np.isfinite(declared.peak) for declared in answers[2:])
