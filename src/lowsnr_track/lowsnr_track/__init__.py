@@ -1,0 +1,1 @@
+"""Data association and the multiple-model particle filter."""

@@ -1,0 +1,117 @@
+"""From declared detections to measurements: what cannot be used is refused and counted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from lowsnr_sensor.motion import POS
+from lowsnr_sensor.records import Estimate
+import numpy as np
+
+NOT_FINITE = 'position or score is not finite'
+NO_SCORE = 'score is not in [0, 1]'
+OUTSIDE = 'outside the frame'
+DUPLICATE = 'same position as another'
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """
+    The detections of a frame that can be used.
+
+    Parameters
+    ----------
+    position : (m, 2) ndarray
+        x and y [m].
+    cov : (m, 2, 2) ndarray
+        Covariance of the position [m^2], positive definite.
+    score : (m,) ndarray
+        Probability that the detection is an object, as the detector has it.
+
+    """
+
+    position: np.ndarray
+    cov: np.ndarray
+    score: np.ndarray
+
+    def __len__(self) -> int:
+        """Return the number of detections m."""
+        return len(self.score)
+
+    def __getitem__(self, index: np.ndarray) -> Measurements:
+        """Return the detections that an index or mask picks."""
+        return Measurements(self.position[index], self.cov[index], self.score[index])
+
+
+def screen(
+    detections: Sequence[Estimate], extent: np.ndarray, cell_size_m: float,
+) -> tuple[Measurements, dict[str, int]]:
+    """
+    Sort out what can be used.
+
+    Parameters
+    ----------
+    detections
+        Declarations of one frame; the velocity is not looked at.
+    extent : (2,) ndarray
+        Columns and rows of the frame in metres; inf where not known.
+    cell_size_m
+        Side of a cell; a bare position is that of a cell's centre [m].
+
+    Returns
+    -------
+    Measurements
+        Usable detections in the order of the input; of several in one position, that with
+        the best score.
+    dict of str to int
+        Number of refused detections by reason.
+
+    """
+    count = len(detections)
+    position = np.array([item.state for item in detections]).reshape(count, 4)[:, POS]
+    cov = np.array([item.cov for item in detections]).reshape(count, 4, 4)
+    score = np.array([item.score for item in detections], dtype=float)
+    finite = np.isfinite(position).all(axis=1) & np.isfinite(score)
+    corner = position + cell_size_m / 2
+    faults = {
+        NOT_FINITE: ~finite,
+        NO_SCORE: (score < 0.0) | (score > 1.0),
+        OUTSIDE: ((corner < 0.0) | (corner >= extent)).any(axis=1),
+    }
+    usable, refused = np.ones(count, dtype=bool), {}
+    for reason, fault in faults.items():
+        refused[reason] = int(np.sum(fault & usable))
+        usable &= ~fault
+    kept = _best_of_each_position(position, score, np.flatnonzero(usable))
+    refused[DUPLICATE] = int(usable.sum()) - len(kept)
+    cov = _position_cov(cov[kept], cell_size_m)
+    counted = {reason: number for reason, number in refused.items() if number}
+    return Measurements(position[kept], cov, score[kept]), counted
+
+
+def _best_of_each_position(
+    position: np.ndarray, score: np.ndarray, usable: np.ndarray,
+) -> np.ndarray:
+    if len(usable) < 2:
+        return usable
+    strongest_first = usable[np.argsort(-score[usable], kind='stable')]
+    _, first = np.unique(position[strongest_first], axis=0, return_index=True)
+    return np.sort(strongest_first[first])
+
+
+def _position_cov(cov: np.ndarray, cell_size_m: float) -> np.ndarray:
+    """
+    Return the position's covariance, (m, 2, 2).
+
+    It is the detector's own, but no axis is better than the cell it was rounded to; where
+    the detector states none that can be, it is that of a position uniform in its cell.
+    """
+    rounding = cell_size_m**2 / 12.0
+    cov = cov[:, POS][:, :, POS]
+    xx, xy, yy = cov[:, 0, 0], cov[:, 0, 1], cov[:, 1, 1]
+    with np.errstate(invalid='ignore', over='ignore'):
+        stated = np.isfinite(cov).all(axis=(1, 2)) & (xx > 0) & (yy > 0) & (xx * yy > xy**2)
+    xx, yy = (np.maximum(np.where(stated, axis, 0.0), rounding) for axis in (xx, yy))
+    xy = np.where(stated, xy, 0.0)
+    return np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2)

@@ -1,0 +1,243 @@
+"""
+PDA-MMPF, Section IV-B: detections in, tracks out.
+
+Every track is a multiple-model particle filter.  In each frame all detections in its gate,
+and none of them, are weighed together by probabilistic data association, jointly with the
+tracks it shares them with; the probability that the object exists follows from the same
+sums, as in integrated PDA (Musicki, Evans and Stankovic 1994), and decides over birth,
+confirmation and deletion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from collections.abc import Sequence
+from dataclasses import dataclass
+from dataclasses import field
+from dataclasses import replace
+
+from lowsnr_sensor.config import check_settings
+from lowsnr_sensor.config import setting
+from lowsnr_sensor.measurement import SensorModel
+from lowsnr_sensor.motion import MotionModes
+from lowsnr_sensor.motion import POS
+from lowsnr_sensor.records import Estimate
+from lowsnr_track import association
+from lowsnr_track import mmpf
+from lowsnr_track.detection_model import DetectionModel
+from lowsnr_track.management import newborn
+from lowsnr_track.management import no_tracks
+from lowsnr_track.management import TrackLife
+from lowsnr_track.management import Tracks
+from lowsnr_track.measurements import Measurements
+from lowsnr_track.measurements import screen
+import numpy as np
+
+_CERTAIN = 1.0 - 1e-12
+
+
+@dataclass(frozen=True)
+class TrackerState:
+    """
+    Memory between frames.
+
+    ``stamp_s`` is the time of the last frame, None before the first [s]; ``frames`` their
+    number; ``next_id`` the next track's number; ``clutter`` the density of false detections
+    [1/cell].
+    """
+
+    stamp_s: float | None
+    frames: int
+    next_id: int
+    clutter: float
+    tracks: Tracks
+
+
+@dataclass(frozen=True)
+class TrackerOutput:
+    """
+    The answer to one frame.
+
+    ``confirmed`` and ``tentative`` hold a whole state each, with the existence probability as
+    score; ``refused`` counts detections that could not be used, by reason.
+    """
+
+    confirmed: list[Estimate]
+    tentative: list[Estimate]
+    refused: Mapping[str, int]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PdaMmpf:
+    """Probabilistic data association with a multiple-model particle filter for each track."""
+
+    sensor: SensorModel = field(default_factory=SensorModel)
+    motion: MotionModes = field(default_factory=MotionModes)
+    detection: DetectionModel = field(default_factory=DetectionModel)
+    life: TrackLife = field(default_factory=TrackLife)
+    rows: int = setting(0, 'rows of a frame, 0 where not known', ge=0, le=16384)
+    cols: int = setting(0, 'columns of a frame, 0 where not known', ge=0, le=16384)
+    frames_per_detection: int = setting(
+        1, 'frames that a detection rests on; successive ones share measurements, and count '
+        'accordingly less', ge=1, le=1000)
+    particles: int = setting(2000, 'particles a track', ge=10, le=1_000_000)
+    resample_below: float = setting(
+        0.5, 'share of the particles at or below which the effective number brings on '
+        'resampling', gt=0.0, le=1.0)
+    roughening: float = setting(
+        0.8, 'scatter of resampled particles, in units of the best one for a Gaussian cloud',
+        ge=0.0, le=2.0)
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+    def init(self) -> TrackerState:
+        """Return the memory before the first frame."""
+        return TrackerState(None, 0, 1, self.detection.clutter_density, no_tracks(self.particles))
+
+    def step(
+        self, state: TrackerState, detections: Sequence[Estimate], stamp_s: float,
+        rng: np.random.Generator,
+    ) -> tuple[TrackerState, TrackerOutput]:
+        """
+        Advance to a frame and its detections.
+
+        Parameters
+        ----------
+        state
+            Memory after the frame before.
+        detections
+            What was declared in this frame; only positions and scores are looked at.
+        stamp_s
+            Time of the frame [s].
+        rng
+            Source of randomness.
+
+        Returns
+        -------
+        TrackerState
+            Memory after this frame.
+        TrackerOutput
+            Tracks at this frame's time.
+
+        Raises
+        ------
+        ValueError
+            If the frame is not later than the one before; the memory stays as it was.
+
+        """
+        measured, refused = screen(detections, self._extent_m, self.sensor.cell_size_m)
+        tracks = self._predict(state, stamp_s, rng)
+        clutter = self._clutter(tracks, measured, state.clutter)
+        tracks, taken = self._update(tracks, measured, clutter[:-1])
+        born, stray = self._bear(measured, taken, clutter[-1], state.next_id, rng)
+        tracks = self.life.manage(tracks.join(born) if len(born) else tracks)
+        output = TrackerOutput(
+            tracks.estimates(tracks.confirmed), tracks.estimates(~tracks.confirmed), refused)
+        cloud = mmpf.resample(tracks.cloud, self.resample_below, self.roughening, rng)
+        density = self.detection.next_clutter(
+            state.clutter, float(np.sum(stray * state.clutter / clutter[-1])),
+            self.rows * self.cols, state.frames)
+        return TrackerState(
+            stamp_s, state.frames + 1, state.next_id + len(born), density,
+            replace(tracks, cloud=cloud)), output
+
+    def _predict(self, state: TrackerState, stamp_s: float, rng: np.random.Generator) -> Tracks:
+        """Move every track to this frame's time; what has left the frame exists no more."""
+        tracks, dt = state.tracks, _elapsed(state.stamp_s, stamp_s)
+        if len(tracks) == 0 or dt > self.life.max_gap_s:
+            return no_tracks(self.particles)
+        # A mode may switch in every frame, whether or not the frame arrived.
+        steps = max(1, round(dt / self.sensor.frame_period_s))
+        cloud = mmpf.predict(tracks.cloud, self.motion, dt, steps, rng)
+        survival = np.full(len(tracks), np.exp(-dt / self.life.lifetime_s))
+        if self.rows and self.cols:
+            log_inside = self._log_inside(cloud.states)
+            if log_inside.min(initial=0.0) < 0.0:
+                cloud, log_share = mmpf.update(cloud, log_inside)
+                survival *= np.exp(log_share)
+        return self.life.prune(
+            replace(tracks, cloud=cloud, existence=tracks.existence * survival))
+
+    def _log_inside(self, states: np.ndarray) -> np.ndarray:
+        """Return 0 for particles in the frame and -inf for others, (T, N)."""
+        half = self.sensor.cell_size_m / 2
+        (x, y), (cols, rows) = (states[..., axis] for axis in POS), self._extent_m - half
+        inside = (x >= -half) & (x < cols) & (y >= -half) & (y < rows)
+        return np.where(inside, 0.0, -np.inf)
+
+    def _clutter(self, tracks: Tracks, measured: Measurements, density: float) -> np.ndarray:
+        """
+        Return the density of false detections at each detection, (T + 1, m) [1/cell].
+
+        A row for each track, whose own echoes are not among them, and one for a new object.
+        """
+        clutter = np.full((len(tracks) + 1, len(measured)), density)
+        if self.frames_per_detection > 1 and len(tracks) > 0:
+            echoes = self.detection.echoes(
+                tracks.cloud.position_moments[0], tracks.existence, measured.position,
+                self.frames_per_detection * self.sensor.cell_size_m)
+            clutter += echoes.sum(axis=0)
+            clutter[:-1] -= echoes
+        return np.maximum(clutter, density)
+
+    def _update(
+        self, tracks: Tracks, measured: Measurements, clutter: np.ndarray,
+    ) -> tuple[Tracks, np.ndarray]:
+        """
+        Weigh the tracks by the detections.
+
+        Returns the tracks and, for each detection, the probability that it is of one of them.
+        """
+        if len(tracks) == 0:
+            return tracks, np.zeros(len(measured))
+        model, existence = self.detection, tracks.existence
+        index = association.gate(
+            *tracks.cloud.position_moments, measured, model.gate_bound, model.max_gated)
+        factor = model.log_score_ratio(measured.score) + np.log(
+            model.in_gate_probability * self.sensor.cell_size_m**2 / clutter)
+        ratio = association.log_densities(tracks.cloud, measured, index)
+        ratio += np.take_along_axis(factor, index, axis=1)[..., None]
+        log_likelihood, beta = association.weigh(
+            tracks.cloud, existence, model.in_gate_probability, ratio, index)
+        cloud, log_gain = mmpf.update(tracks.cloud, log_likelihood)
+        # Note: the positions of successive detections err independently, also where the
+        # detections share measurements; that there is a detection is what they repeat.
+        gain = np.exp(log_gain / np.sqrt(self.frames_per_detection))
+        existence = np.minimum(existence * gain / (1.0 + existence * (gain - 1.0)), _CERTAIN)
+        found = index >= 0
+        taken = np.bincount(index[found], beta[found], minlength=len(measured))
+        return replace(tracks, cloud=cloud, existence=existence), taken
+
+    def _bear(
+        self, measured: Measurements, taken: np.ndarray, clutter: np.ndarray, first_id: int,
+        rng: np.random.Generator,
+    ) -> tuple[Tracks, np.ndarray]:
+        """
+        Start a track from each detection that may be a new object.
+
+        Returns the tracks and, for each detection, the probability that it is false.
+        """
+        odds = np.exp(self.detection.log_score_ratio(measured.score)) * (
+            self.detection.probability * self.life.birth_density / clutter)
+        stray = np.maximum(1.0 - taken, 0.0) / (1.0 + odds)
+        existence = stray * odds
+        chosen = np.argsort(-existence, kind='stable')[:self.life.max_tracks]
+        chosen = np.sort(chosen[existence[chosen] >= self.life.delete_probability])
+        return newborn(
+            measured[chosen], existence[chosen], first_id, self.motion, self.particles, rng
+        ), stray
+
+    @property
+    def _extent_m(self) -> np.ndarray:
+        """Columns and rows in metres, (2,); inf where not known."""
+        size = np.array([self.cols, self.rows]) * self.sensor.cell_size_m
+        return np.where(size > 0.0, size, np.inf)
+
+
+def _elapsed(last_s: float | None, stamp_s: float) -> float:
+    if not np.isfinite(stamp_s):
+        raise ValueError(f'stamp {stamp_s} is not finite')
+    if last_s is not None and stamp_s <= last_s:
+        raise ValueError(f'stamp {stamp_s} s is not later than {last_s} s')
+    return 0.0 if last_s is None else stamp_s - last_s

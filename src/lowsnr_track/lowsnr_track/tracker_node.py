@@ -1,0 +1,75 @@
+"""The tracker node: ``detections`` in, ``tracks`` out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from lowsnr_sensor.records import Estimate
+from lowsnr_sensor.ros import messages
+from lowsnr_sensor.ros.params import declare
+from lowsnr_sensor.ros.runtime import ManagedNode
+from lowsnr_sensor.ros.runtime import reliable
+from lowsnr_sensor.ros.runtime import run
+from lowsnr_sensor.streams import stream
+from lowsnr_track.pda_mmpf import PdaMmpf
+from nav_msgs.msg import Odometry
+from rclpy.lifecycle import LifecycleState
+from rclpy.lifecycle import TransitionCallbackReturn
+from std_msgs.msg import Header
+from vision_msgs.msg import Detection2DArray
+
+
+class TrackerNode(ManagedNode):
+    """Answer each array on ``detections`` with the confirmed tracks, empty for none."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__('tracker', **kwargs)
+        self.tracker = declare(self, PdaMmpf)
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Create publishers and subscription."""
+        depth = self.settings.queue_depth
+        self._memory = self.tracker.init()
+        self._rng = stream(self.settings.seed, 'tracker')
+        self._array = self.create_publisher(
+            Detection2DArray, 'tracks', reliable(depth))
+        self._odometry = self.create_publisher(Odometry, 'tracks/odometry', reliable(depth))
+        self.outputs = {
+            self._array: self.settings.consumers, self._odometry: self.settings.consumers}
+        self._tentative = self.create_publisher(
+            Detection2DArray, 'tracks/tentative', reliable(depth))
+        self.listen(
+            Detection2DArray, 'detections', self._on_detections, reliable(depth))
+        return TransitionCallbackReturn.SUCCESS
+
+    def _on_detections(self, message: Detection2DArray) -> None:
+        if not self.active or not self.is_new('detections', message.header.stamp):
+            return
+        self.counts['in'] += 1
+        cell = self.tracker.sensor.cell_size_m
+        stamp_s = messages.stamp_key(message.header.stamp) / 1e9
+        self._memory, answer = self.tracker.step(
+            self._memory, messages.array_to_estimates(message, cell), stamp_s, self._rng)
+        for why, number in answer.refused.items():
+            self.counts[f'detections {why}'] += number
+            self.refuse(f'detections: {number} refused, {why}')
+        self._publish(answer.confirmed, answer.tentative, message.header)
+
+    def _publish(
+        self, confirmed: list[Estimate], tentative: list[Estimate], header: Header,
+    ) -> None:
+        cell = self.tracker.sensor.cell_size_m
+        for item in confirmed:
+            self._odometry.publish(messages.estimate_to_odometry(item, header))
+        self._tentative.publish(messages.estimates_to_array(tentative, header, cell))
+        self._array.publish(messages.estimates_to_array(confirmed, header, cell))
+        self.counts['out'] += 1
+
+
+def main(args: list[str] | None = None) -> None:
+    """Entry point of ``ros2 run lowsnr_track tracker_node``."""
+    run(TrackerNode, args)
+
+
+if __name__ == '__main__':
+    main()

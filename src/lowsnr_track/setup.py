@@ -1,0 +1,26 @@
+from setuptools import find_packages
+from setuptools import setup
+
+package_name = 'lowsnr_track'
+
+setup(
+    name=package_name,
+    version='0.1.0',
+    description='Section IV-B: data association and the multiple-model particle filter.',
+    license='Apache-2.0',
+    maintainer='lowsnr maintainers',
+    maintainer_email='maintainers@lowsnr.example',
+    packages=find_packages(exclude=['test']),
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
+        (f'share/{package_name}', ['package.xml']),
+    ],
+    install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},
+    zip_safe=True,
+    entry_points={
+        'console_scripts': [
+            'tracker_node = lowsnr_track.tracker_node:main',
+        ],
+    },
+)

@@ -1,0 +1,70 @@
+"""Stamps and detections that cannot be used: counted, bounded, never a crash."""
+
+import time
+
+from lowsnr_track import measurements
+from lowsnr_track.pda_mmpf import PdaMmpf
+import numpy as np
+import pytest
+from track.scenes import detection
+from track.scenes import everything
+from track.scenes import follow
+
+
+@pytest.fixture
+def tracker():
+    return PdaMmpf(rows=16, cols=24)
+
+
+@pytest.mark.parametrize('stamp', [5.0, 4.0, float('nan')])
+def test_stamp_that_does_not_advance_is_refused(tracker, rng, stamp):
+    state, _ = tracker.step(tracker.init(), [], 5.0, rng)
+    with pytest.raises(ValueError, match='stamp'):
+        tracker.step(state, [], stamp, rng)
+
+
+def test_long_gap_drops_all_tracks(tracker, rng):
+    state = tracker.init()
+    for k in range(1, 8):
+        state, output = tracker.step(state, [detection(5 + 0.1 * k, 5)], float(k), rng)
+    assert output.confirmed
+    state, output = tracker.step(state, [], 1e6, rng)
+    assert not everything(output)
+
+
+def test_unusable_detections_are_counted(tracker, rng):
+    bad = [
+        detection(np.nan, 3), detection(np.inf, 3), detection(3, 3, score=np.nan),
+        detection(3, 3, score=1.5), detection(-0.6, 3), detection(3, 15.5), detection(1e300, 0),
+        detection(3, 3), detection(3, 3, score=0.8)]
+    _, output = tracker.step(tracker.init(), bad, 1.0, rng)
+    assert output.refused == {
+        measurements.NOT_FINITE: 3, measurements.NO_SCORE: 1, measurements.OUTSIDE: 3,
+        measurements.DUPLICATE: 1}
+    assert len(everything(output)) == 1
+
+
+@pytest.mark.parametrize('variance', [np.nan, 0.0, -1.0, np.inf, 1e-9])
+def test_covariance_is_never_less_than_rounding(variance):
+    measured, refused = measurements.screen(
+        [detection(3, 3, variance=variance)], np.full(2, np.inf), 2.0)
+    assert measured.cov[0] == pytest.approx(np.eye(2) * 4 / 12)
+    assert not refused
+
+
+def test_ten_thousand_detections_are_answered_within_a_second(tracker, rng):
+    state = tracker.init()
+    slowest = 0.0
+    for k in range(1, 4):
+        places = rng.uniform(0.0, 15.0, (10_000, 2))
+        flood = [detection(x, y, score) for (x, y), score in zip(places, rng.random(10_000))]
+        start = time.process_time()  # of this process, whatever else the machine does
+        state, output = tracker.step(state, flood, float(k), rng)
+        slowest = max(slowest, time.process_time() - start)
+        assert len(everything(output)) <= tracker.life.max_tracks
+    assert slowest < 1.0
+
+
+def test_hundred_empty_frames_leave_nothing(tracker, rng):
+    outputs = follow(tracker, [[detection(5, 5), detection(9, 9)]] + [[]] * 100, rng)
+    assert not everything(outputs[-1])

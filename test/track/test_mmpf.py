@@ -1,0 +1,131 @@
+"""The multiple-model particle filter against Kalman filters and the Markov chain itself."""
+
+from lowsnr_sensor.motion import MotionModes
+from lowsnr_sensor.motion import POS
+from lowsnr_sensor.motion import process_noise_cov
+from lowsnr_track.mmpf import Cloud
+from lowsnr_track.mmpf import concatenate
+from lowsnr_track.mmpf import predict
+from lowsnr_track.mmpf import resample
+from lowsnr_track.mmpf import uniform_cloud
+from lowsnr_track.mmpf import update
+import numpy as np
+import pytest
+from track import oracles
+
+MEAN = np.array([3.0, 0.4, 5.0, -0.2])
+COV = np.diag([0.5, 0.04, 0.3, 0.09])
+NOISE = np.array([[0.4, 0.1], [0.1, 0.3]])
+
+
+def gaussian_cloud(count, motion, rng):
+    states = rng.multivariate_normal(MEAN, COV, size=(1, count))
+    return uniform_cloud(states, rng.integers(motion.count, size=(1, count)))
+
+
+def log_likelihood(cloud, z):
+    offset = np.asarray(z) - cloud.states[..., POS]
+    exponent = -0.5 * np.einsum('...i,ij,...j', offset, np.linalg.inv(NOISE), offset)
+    return exponent - 0.5 * np.log(np.linalg.det(2 * np.pi * NOISE))
+
+
+def test_single_mode_filter_matches_kalman_filter(rng):
+    motion = MotionModes(turn_rates_deg_s=(0.0,), acceleration_density=0.01)
+    matrix, noise = motion.transition_matrices(0.7)[0], process_noise_cov(0.7, 0.01)
+    count = 50_000
+    cloud, mean, cov = gaussian_cloud(count, motion, rng), MEAN, COV
+    for _ in range(8):
+        mean, cov = matrix @ mean, matrix @ cov @ matrix.T + noise
+        z = rng.multivariate_normal(oracles.H @ mean, NOISE)
+        mean, cov, likelihood = oracles.kalman_update(mean, cov, z, NOISE)
+        cloud = predict(cloud, motion, 0.7, 1, rng)
+        cloud, log_evidence = update(cloud, log_likelihood(cloud, z))
+        found_mean, found_cov = cloud.moments
+        cloud = resample(cloud, 0.5, 0.3, rng)
+        # Effective sizes stay above N / 10; five standard errors of a mean and a variance.
+        error = 5 * np.sqrt(10 / count)
+        std = np.sqrt(np.diag(cov))
+        assert np.all(abs(found_mean[0] - mean) < error * std)
+        assert np.all(abs(found_cov[0] - cov) < error * 1.5 * np.outer(std, std))
+        assert log_evidence[0] == pytest.approx(np.log(likelihood), abs=error)
+
+
+def test_mode_probabilities_match_exact_mixture(rng):
+    motion = MotionModes(
+        turn_rates_deg_s=(0.0, 40.0, -40.0), mode_sojourn_s=4.0, acceleration_density=0.01)
+    matrices, chain = motion.transition_matrices(1.0), motion.mode_transition(1.0)
+    truth = np.array([[3.3, 5.0], [3.8, 5.2], [4.1, 5.6], [4.1, 6.1], [3.9, 6.5]])
+    count, runs = 20_000, 4
+    cloud = gaussian_cloud(count * runs, motion, rng)
+    cloud = Cloud(*(part.reshape(runs, count, *part.shape[2:]) for part in (
+        cloud.states, cloud.modes, cloud.log_weights + np.log(runs))))
+    mixture = [oracles.Gaussian(1 / 3, MEAN, COV, mode) for mode in range(3)]
+    noise = NOISE / 10
+    for z in truth:
+        mixture = oracles.exact_predict(mixture, matrices, process_noise_cov(1.0, 0.01), chain)
+        mixture, _ = oracles.exact_update(mixture, [z], noise, 1 - 1e-12, 1.0)
+        cloud = predict(cloud, motion, 1.0, 1, rng)
+        cloud, _ = update(cloud, 10 * log_likelihood(cloud, z))
+        found = cloud.mode_probabilities(3)
+        mean = cloud.moments[0].mean(axis=0)
+        cloud = resample(cloud, 0.5, 0.0, rng)
+        # The effective sizes stay above N / 50: 4 standard errors of a share of four clouds.
+        assert found.mean(axis=0) == pytest.approx(
+            oracles.exact_modes(mixture, 3), abs=4 * 0.5 / np.sqrt(count * runs / 50))
+        assert mean == pytest.approx(oracles.exact_moments(mixture)[0], abs=0.03)
+
+
+def test_flat_likelihood_leaves_modes_to_the_chain(rng):
+    motion = MotionModes(mode_sojourn_s=3.0)
+    count, steps = 40_000, 6
+    cloud = uniform_cloud(np.zeros((1, count, 4)), np.zeros((1, count), dtype=int))
+    for k in range(1, steps + 1):
+        cloud = predict(cloud, motion, 1.0, 1, rng)
+        cloud, _ = update(cloud, np.full((1, count), -7.0))
+        cloud = resample(cloud, 1.0, 0.8, rng)
+        expected = np.linalg.matrix_power(motion.mode_transition(1.0), k)[0]
+        error = 4 * np.sqrt(expected * (1 - expected) / count)
+        assert np.all(abs(cloud.mode_probabilities(3)[0] - expected) < error)
+
+
+def test_resample_leaves_healthy_clouds_alone(rng):
+    motion = MotionModes()
+    healthy, worn = gaussian_cloud(100, motion, rng), gaussian_cloud(100, motion, rng)
+    worn, _ = update(worn, np.where(np.arange(100) < 10, 0.0, -np.inf)[None])
+    both = concatenate(healthy, worn)
+    after = resample(both, 0.5, 0.05, rng)
+    assert np.array_equal(after.states[0], both.states[0])
+    assert after.log_weights[1] == pytest.approx(-np.log(100))
+    assert len(np.unique(after.states[1], axis=0)) == 100
+
+
+def test_roughening_keeps_mean_and_covariance(rng):
+    motion = MotionModes()
+    cloud = gaussian_cloud(100_000, motion, rng)
+    after = resample(cloud, 1.0, 2.0, rng)
+    before_mean, before_cov = cloud.moments
+    mean, cov = after.moments
+    error = 4 * np.sqrt(np.diag(COV) / 100_000)
+    assert np.all(abs(mean - before_mean) < error)
+    assert cov[0] == pytest.approx(before_cov[0], abs=0.01 * COV.max())
+
+
+def test_cloud_in_a_point_survives_resampling(rng):
+    cloud = uniform_cloud(np.ones((1, 50, 4)), np.zeros((1, 50), dtype=int))
+    after = resample(cloud, 1.0, 0.1, rng)
+    assert after.states == pytest.approx(np.ones((1, 50, 4)))
+
+
+def test_impossible_likelihood_gives_no_evidence(rng):
+    cloud = gaussian_cloud(20, MotionModes(), rng)
+    after, log_evidence = update(cloud, np.full((1, 20), -np.inf))
+    assert log_evidence[0] == -np.inf
+    assert after.log_weights == pytest.approx(-np.log(20))
+
+
+def test_several_steps_switch_as_one_long_one(rng):
+    motion = MotionModes(mode_sojourn_s=3.0)
+    cloud = uniform_cloud(np.zeros((1, 40_000, 4)), np.zeros((1, 40_000), dtype=int))
+    expected = motion.mode_transition(2.5)[0]
+    found = predict(cloud, motion, 2.5, 5, rng).mode_probabilities(3)[0]
+    assert np.all(abs(found - expected) < 4 * np.sqrt(expected / 40_000))
