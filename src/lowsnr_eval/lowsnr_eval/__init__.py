@@ -1,0 +1,1 @@
+"""Scoring, experiments, reports and the evaluator."""

@@ -1,0 +1,108 @@
+"""Put the messages of one frame together again, whatever the order they come in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from collections.abc import Mapping
+from dataclasses import dataclass
+from dataclasses import field
+
+from lowsnr_sensor.records import Estimate
+
+
+@dataclass
+class Frame:
+    """
+    What has come of one frame.
+
+    ``arrays`` holds the entries of each topic's array, ``states`` the whole states of its
+    odometry by id, ``arrived`` the wall time of each array [s].
+    """
+
+    stamp: int
+    arrays: dict[str, list[Estimate]] = field(default_factory=dict)
+    states: dict[str, dict[str, Estimate]] = field(default_factory=dict)
+    arrived: dict[str, float] = field(default_factory=dict)
+
+    def answer(self, topic: str) -> list[Estimate] | None:
+        """
+        Return a topic's entries with their velocities.
+
+        An entry with an id has an odometry of that id; None while anything is missing.
+        """
+        entries, states = self.arrays.get(topic), self.states.get(topic, {})
+        if entries is None or any(e.id and e.id not in states for e in entries):
+            return None
+        return [
+            Estimate(states[e.id].state, states[e.id].cov, e.score, e.id) if e.id else e
+            for e in entries
+        ]
+
+
+class Assembly:
+    """
+    Frames in the making.
+
+    A frame is whole when every topic has answered it.  It is given up when a later
+    frame is whole, since each topic answers in order, or when it is too old.
+
+    Parameters
+    ----------
+    topics
+        Names of the topics that answer every frame.
+    key
+        The topic whose array says that a frame exists.
+
+    """
+
+    def __init__(self, topics: Iterable[str], key: str) -> None:
+        self._topics = tuple(topics)
+        self._key = key
+        self._frames: dict[int, Frame] = {}
+        self._done = -1
+
+    def add_array(self, topic: str, stamp: int, entries: list[Estimate], now_s: float) -> bool:
+        """Take an array; False if its frame is done already or the array is a second one."""
+        frame = self._frame(stamp)
+        if frame is None or topic in frame.arrays:
+            return False
+        frame.arrays[topic] = entries
+        frame.arrived[topic] = now_s
+        return True
+
+    def add_state(self, topic: str, stamp: int, state: Estimate) -> bool:
+        """Take an odometry; False if its frame is done already."""
+        frame = self._frame(stamp)
+        if frame is None:
+            return False
+        frame.states.setdefault(topic, {})[state.id] = state
+        return True
+
+    def take(self, older_than_s: float = -float('inf')) -> list[Frame]:
+        """
+        Return, oldest first, the frames to be scored now.
+
+        These are the frames up to the newest that is whole or whose key array came before
+        ``older_than_s`` [s].
+        """
+        ready = [
+            stamp for stamp, frame in self._frames.items()
+            if self._is_whole(frame) or frame.arrived.get(self._key, older_than_s) < older_than_s
+        ]
+        if not ready:
+            return []
+        self._done = max(ready)
+        taken = sorted(stamp for stamp in self._frames if stamp <= self._done)
+        return [self._frames.pop(stamp) for stamp in taken]
+
+    def counts(self) -> Mapping[str, int]:
+        """Return how many frames wait."""
+        return {'waiting': len(self._frames)}
+
+    def _frame(self, stamp: int) -> Frame | None:
+        if stamp <= self._done:
+            return None
+        return self._frames.setdefault(stamp, Frame(stamp))
+
+    def _is_whole(self, frame: Frame) -> bool:
+        return all(frame.answer(topic) is not None for topic in self._topics)

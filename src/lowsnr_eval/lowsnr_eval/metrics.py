@@ -1,0 +1,166 @@
+"""
+Figures of merit of Section VI, as pure functions of distances and counts.
+
+Objects and estimates of one frame meet in a matrix of distances, objects by estimates;
+everything else is computed from it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.special import ndtri
+
+
+def distances(objects: np.ndarray, estimates: np.ndarray) -> np.ndarray:
+    """
+    Return the Euclidean distance of every estimate from every object.
+
+    Parameters
+    ----------
+    objects : (N, 2) ndarray
+        Positions [m].
+    estimates : (M, 2) ndarray
+        Positions [m]; an unknown one is NaN.
+
+    Returns
+    -------
+    (N, M) ndarray
+        Distances [m]; infinite where a position is unknown.
+
+    """
+    offset = objects[:, None, :] - estimates[None, :, :]
+    distance = np.hypot(offset[..., 0], offset[..., 1])
+    return np.where(np.isnan(distance), np.inf, distance)
+
+
+def match_within_gate(distance: np.ndarray, gate: float) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Pair objects with the estimates that hit them, one with one.
+
+    As many pairs as the gate allows; among all such pairings the one whose distances add
+    up to the least.  With one object this is the nearest estimate within the gate.
+
+    Parameters
+    ----------
+    distance : (N, M) ndarray
+        Distances of objects from estimates [m].
+    gate
+        Largest distance of a hit [m], inclusive.
+
+    Returns
+    -------
+    (pairs,) ndarray of int
+        Objects hit, ascending.
+    (pairs,) ndarray of int
+        The estimate that hits each.
+
+    """
+    within = distance <= gate
+    # One pair outside the gate costs more than all the pairs that can lie within it.
+    outside = gate * (min(distance.shape) + 1) + 1.0
+    rows, columns = linear_sum_assignment(np.where(within, distance, outside))
+    hit = within[rows, columns]
+    return rows[hit], columns[hit]
+
+
+def count_false_alarms(distance: np.ndarray, gate: float) -> int:
+    """Count the estimates [column] that lie within the gate of no object [row]."""
+    return int(np.sum(~np.any(distance <= gate, axis=0)))
+
+
+def gospa(distance: np.ndarray, cutoff: float, order: float = 2.0) -> float:
+    """
+    Generalised optimal sub-pattern assignment metric, alpha = 2.
+
+    ``d = [min over assignments of sum d(x, y)^p + c^p / 2 (missed + false)]^(1/p)``, from
+    Rahmathullah, Garcia-Fernandez and Svensson, "Generalized optimal sub-pattern
+    assignment metric", FUSION 2017, Proposition 1.  The minimum is exact.
+
+    Parameters
+    ----------
+    distance : (N, M) ndarray
+        Distances of objects from estimates [m].
+    cutoff
+        Distance c beyond which an object is missed and an estimate false [m].
+    order
+        Exponent p, at least 1.
+
+    Returns
+    -------
+    float
+        Metric [m]; 0 where there is neither object nor estimate.
+
+    """
+    objects, estimates = distance.shape
+    # With alpha = 2 a pair at the cutoff costs as much as one missed and one false.
+    cost = np.minimum(distance, cutoff) ** order
+    total = cost[linear_sum_assignment(cost)].sum()
+    unpaired = cutoff**order / 2.0 * abs(objects - estimates)
+    return float((total + unpaired) ** (1.0 / order))
+
+
+def wilson_interval(
+    successes: int, trials: int, confidence: float = 0.95,
+) -> tuple[float, float] | None:
+    """
+    Wilson's score interval for a probability.
+
+    The p for which ``|p_hat - p| <= z sqrt(p (1 - p) / n)``: centre
+    ``(p_hat + z^2 / 2n) / (1 + z^2 / n)``, half width
+    ``z / (1 + z^2 / n) sqrt(p_hat (1 - p_hat) / n + z^2 / 4n^2)`` (Wilson 1927).  It holds
+    for independent trials; successive frames of one run are not quite that.
+
+    Parameters
+    ----------
+    successes
+        Trials that succeeded, 0 to ``trials``.
+    trials
+        Number of trials n.
+    confidence
+        Probability that the interval covers, in (0, 1).
+
+    Returns
+    -------
+    tuple of float or None
+        Lower and upper bound; None where nothing was tried.
+
+    """
+    if trials == 0:
+        return None
+    share = successes / trials
+    spread = ndtri(0.5 + confidence / 2.0) ** 2 / trials
+    half = math.sqrt(spread * share * (1.0 - share) + spread**2 / 4.0)
+    low, high = share + spread / 2.0 - half, share + spread / 2.0 + half
+    return max(0.0, low / (1.0 + spread)), min(1.0, high / (1.0 + spread))
+
+
+def ratio(count: int, trials: int) -> float | None:
+    """Return a share; None where nothing was tried."""
+    return count / trials if trials else None
+
+
+def root_mean_square(errors: np.ndarray) -> float | None:
+    """Return ``sqrt(mean(e^2))`` in the unit of the errors; None of no errors."""
+    return math.sqrt(np.mean(np.square(errors))) if np.size(errors) else None
+
+
+@dataclass
+class RootMeanSquare:
+    """``sqrt(sum of e^2 / n)`` over errors that come a few at a time."""
+
+    total: float = 0.0
+    count: int = 0
+
+    def add(self, errors: np.ndarray) -> None:
+        """Add errors, (n,) of any unit."""
+        self.total += float(np.sum(np.square(errors)))
+        self.count += int(np.size(errors))
+
+    @property
+    def value(self) -> float | None:
+        """Root mean square so far, in the unit of the errors; None of no errors."""
+        return math.sqrt(self.total / self.count) if self.count else None

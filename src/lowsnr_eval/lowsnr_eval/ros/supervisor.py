@@ -1,0 +1,146 @@
+"""One run of a graph: start, activate consumers first, follow, and end in order."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from collections.abc import Sequence
+import os
+from pathlib import Path
+import signal
+import time
+from typing import Any
+
+from lowsnr_eval.graph import Node
+from lowsnr_eval.processes import NodeProcess
+from lowsnr_eval.processes import ProcessGroup
+from lowsnr_eval.ros.manager import ACTIVATE
+from lowsnr_eval.ros.manager import CONFIGURE
+from lowsnr_eval.ros.manager import DEACTIVATE
+from lowsnr_eval.ros.manager import GraphFailure
+from lowsnr_eval.ros.manager import Manager
+from tqdm import tqdm
+
+_START_WITHIN_S = 600.0
+_ACTIVATE_WITHIN_S = 30.0
+_FLUSH_WITHIN_S = 1.0
+DONE, FAILED, INTERRUPTED = 0, 1, 130
+
+
+class Interrupted(Exception):
+    """The run was asked to end before its time."""
+
+
+class Supervisor:
+    """
+    Runs a graph to its end.
+
+    Parameters
+    ----------
+    nodes
+        The nodes, consumers first; the last one is the source of the frames.
+    folder
+        Results folder, which holds ``parameters.yaml``; logs go to its ``log``.
+    frames
+        Number of frames that the source publishes, None for no end.
+    patience_s
+        Wall time without a newly scored frame after which the rest is not waited for [s].
+    environment
+        Environment of the nodes.
+
+    """
+
+    def __init__(
+        self, nodes: Sequence[Node], folder: Path, frames: int | None, patience_s: float,
+        environment: Mapping[str, str] = os.environ,
+    ) -> None:
+        self._nodes = nodes
+        self._folder = folder
+        self._frames = frames
+        self._patience_s = patience_s
+        self._environment = environment
+        self._signal = 0
+        self._source: NodeProcess | None = None
+
+    def run(self) -> tuple[int, str]:
+        """Run the graph; return the exit status, and what went wrong or nothing."""
+        logs = self._folder / 'log'
+        logs.mkdir()
+        before = {s: signal.signal(s, self._on_signal) for s in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            with ProcessGroup(logs, self._environment) as self._group:
+                return self._run_processes()
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+    def _run_processes(self) -> tuple[int, str]:
+        for node in self._nodes:
+            self._source = self._group.start(node, self._folder / 'parameters.yaml')
+        with tqdm(
+            desc='starting', total=self._frames, unit=' frames', disable=None,
+        ) as self._bar:
+            self._manager = Manager(self._nodes, self._check, self._on_scored)
+            try:
+                self._follow()
+                self._end(_ACTIVATE_WITHIN_S)
+                return DONE, ''
+            except (GraphFailure, Interrupted) as error:
+                self._end(_FLUSH_WITHIN_S)
+                failed = isinstance(error, GraphFailure)
+                return (FAILED, str(error)) if failed else (INTERRUPTED, 'interrupted')
+            finally:
+                self._manager.close()
+
+    def _follow(self) -> None:
+        """Bring the graph up and wait until the source is done and its frames are scored."""
+        self._manager.change(CONFIGURE, self._nodes, _START_WITHIN_S)
+        self._manager.wait_for_evaluator()
+        for node in self._nodes:
+            self._manager.change(ACTIVATE, [node], _ACTIVATE_WITHIN_S)
+        self._bar.unpause()  # the rate is that of the frames, not of the start
+        self._bar.set_description('running')
+        while not self._source_done():
+            self._manager.spin(0.1)
+        scored, since = self._manager.scored, time.monotonic()
+        while self._manager.scored != self._frames and self._frames is not None:
+            self._manager.spin(0.1)
+            if self._manager.scored != scored:
+                scored, since = self._manager.scored, time.monotonic()
+            if time.monotonic() - since > self._patience_s:
+                break
+
+    def _end(self, within_s: float) -> None:
+        """Deactivate from the source on, the evaluator last, so that it writes its summary."""
+        self._check_enabled = False
+        dead = {member.node for member in self._group.dead()}
+        for node in reversed(self._nodes):
+            if node in dead:
+                continue
+            try:
+                self._manager.change(DEACTIVATE, [node], within_s)
+            except GraphFailure as error:
+                tqdm.write(f'while stopping: {error}')
+
+    _check_enabled = True
+
+    def _check(self) -> None:
+        """Raise if the run was interrupted or a node has died."""
+        if not self._check_enabled:
+            return
+        if self._signal:
+            raise Interrupted
+        for member in self._group.dead():
+            if member is not self._source or member.process.returncode != 0:
+                raise GraphFailure(
+                    f'{member.node.label} {member.death()} at frame {self._manager.scored}; '
+                    f'the end of {member.log}:\n{member.last_lines()}')
+
+    def _source_done(self) -> bool:
+        return self._source is not None and self._source.process.poll() == 0
+
+    def _on_signal(self, number: int, _: Any) -> None:
+        self._signal = number
+
+    def _on_scored(self, frame: int, detections: int, tracks: int) -> None:
+        self._bar.update(frame - self._bar.n)
+        self._bar.set_postfix(detections=detections, tracks=tracks, refresh=False)

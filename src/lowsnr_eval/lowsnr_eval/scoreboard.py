@@ -1,0 +1,162 @@
+"""
+Scoring of a run: the figures of every chain, for detections and for tracks.
+
+A chain is a detector with the tracker that follows it.  :class:`Scoreboard` is told of each
+frame once, with what every chain answered; it returns the scores of that frame, and at any
+time the figures of all frames so far.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Mapping
+from collections.abc import Sequence
+from typing import Any
+
+from lowsnr_eval.metrics import ratio
+from lowsnr_eval.metrics import RootMeanSquare
+from lowsnr_eval.metrics import wilson_interval
+from lowsnr_eval.scoring import Answer
+from lowsnr_eval.scoring import compare
+from lowsnr_eval.scoring import Evaluation
+from lowsnr_eval.scoring import FrameScore
+from lowsnr_sensor.records import Truth
+import numpy as np
+
+LEVELS = ('detection', 'tracking')
+
+
+class Scoreboard:
+    """
+    The scores of all chains of a run.
+
+    Parameters
+    ----------
+    evaluation
+        Gate and cutoff.
+    detectors
+        Names of the chains.
+
+    """
+
+    def __init__(self, evaluation: Evaluation, detectors: Sequence[str]) -> None:
+        self.evaluation = evaluation
+        self.frames = 0
+        self.unanswered = 0
+        self._tallies = {name: {level: _Tally() for level in LEVELS} for name in detectors}
+        self._latencies_ms = {name: array('d') for name in detectors}
+
+    def score_frame(
+        self, frame: int, stamp_s: float, truth: Sequence[Truth], answers: Mapping[str, Answer],
+    ) -> list[FrameScore]:
+        """
+        Score one frame; frames come in order.
+
+        Parameters
+        ----------
+        frame
+            Number k of the frame.
+        stamp_s
+            Its time [s].
+        truth
+            Objects present in it.
+        answers
+            The answer of each chain by the name of its detector; none for a silent one.
+
+        Returns
+        -------
+        list of FrameScore
+            One for each chain and level, in the order of the chains.
+
+        """
+        objects = tuple(item.id for item in truth)
+        scores = []
+        for name, tallies in self._tallies.items():
+            answer = answers.get(name, Answer())
+            if answer.latency_ms is not None:
+                self._latencies_ms[name].append(answer.latency_ms)
+            for level, estimates in zip(LEVELS, (answer.detections, answer.tracks)):
+                outcome = None
+                if estimates is not None:
+                    outcome = compare(truth, estimates, self.evaluation)
+                scores.append(FrameScore(frame, stamp_s, name, level, objects, outcome))
+                tallies[level].add(scores[-1])
+        self.frames += 1
+        self.unanswered += any(score.outcome is None for score in scores)
+        return scores
+
+    def figures(self) -> dict[str, dict[str, Any]]:
+        """Return the figures of every chain so far; None for those that do not exist."""
+        return {
+            name: {level: tally.figures() for level, tally in tallies.items()}
+            | {'latency_ms': _percentiles(self._latencies_ms[name])}
+            for name, tallies in self._tallies.items()
+        }
+
+
+class _Tally:
+    """The sums over all frames of one chain at one level."""
+
+    def __init__(self) -> None:
+        self._counts = dict.fromkeys((
+            'unanswered', 'frames_with_object', 'frames_without_object', 'objects_present',
+            'hits', 'frames_false', 'false_alarms', 'appearances', 'appearances_hit'), 0)
+        self._position, self._velocity = RootMeanSquare(), RootMeanSquare()
+        self._gospa = RootMeanSquare()
+        self._present: set[str] = set()
+        self._not_yet_hit: dict[str, int] = {}
+        self._frames_to_hit = 0
+
+    def add(self, score: FrameScore) -> None:
+        self._note_appearances(score)
+        outcome, counts = score.outcome, self._counts
+        if outcome is None:
+            counts['unanswered'] += 1
+            return
+        if score.objects:
+            counts['frames_with_object'] += 1
+        else:
+            counts['frames_without_object'] += 1
+            counts['frames_false'] += outcome.declared > 0
+        counts['objects_present'] += len(score.objects)
+        counts['hits'] += len(outcome.hit)
+        counts['false_alarms'] += outcome.false_alarms
+        self._position.add(outcome.position_errors_m)
+        self._velocity.add(outcome.velocity_errors_mps)
+        self._gospa.add(np.array(outcome.gospa_m))
+
+    def _note_appearances(self, score: FrameScore) -> None:
+        """Count the frames from an object's appearance to its first hit."""
+        present = set(score.objects)
+        for name in present - self._present:
+            self._not_yet_hit[name] = score.frame
+            self._counts['appearances'] += 1
+        self._present = present
+        for name in score.outcome.hit if score.outcome else ():
+            if name in self._not_yet_hit:
+                self._frames_to_hit += score.frame - self._not_yet_hit.pop(name)
+                self._counts['appearances_hit'] += 1
+
+    def figures(self) -> dict[str, Any]:
+        hits, objects = self._counts['hits'], self._counts['objects_present']
+        false, empty = self._counts['frames_false'], self._counts['frames_without_object']
+        return {
+            'pd': ratio(hits, objects),
+            'pd_interval': wilson_interval(hits, objects),
+            'pfa_per_frame': ratio(false, empty),
+            'pfa_interval': wilson_interval(false, empty),
+            'first_detection_latency_frames': ratio(
+                self._frames_to_hit, self._counts['appearances_hit']),
+            'rmse_position_m': self._position.value,
+            'rmse_velocity_mps': self._velocity.value,
+            'gospa_m': self._gospa.value,
+            **self._counts,
+            'hits_with_velocity': self._velocity.count,
+        }
+
+
+def _percentiles(latencies_ms: array[float]) -> dict[str, float | None]:
+    if not latencies_ms:
+        return {'median': None, 'p99': None}
+    median, p99 = np.percentile(latencies_ms, (50.0, 99.0))
+    return {'median': float(median), 'p99': float(p99)}

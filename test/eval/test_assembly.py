@@ -1,0 +1,70 @@
+"""Frames are put together whatever the order of their messages, and given up in time."""
+
+from itertools import permutations
+
+from lowsnr_eval.assembly import Assembly
+from lowsnr_sensor.records import Estimate
+import numpy as np
+import pytest
+
+TOPICS = ('truth', 'tracks')
+
+
+def entry(name='', velocity=np.nan):
+    """Return an entry of an array, or, with a velocity, a state."""
+    return Estimate(np.array([1.0, velocity, 2.0, velocity]), np.eye(4), 0.5, name)
+
+
+@pytest.fixture
+def assembly():
+    return Assembly(TOPICS, 'truth')
+
+
+def test_frame_is_whole_in_any_order_of_messages():
+    sends = [
+        lambda a: a.add_array('truth', 5, [entry('object')], 1.0),
+        lambda a: a.add_state('truth', 5, entry('object', 3.0)),
+        lambda a: a.add_array('tracks', 5, [entry('1'), entry('2')], 2.0),
+        lambda a: a.add_state('tracks', 5, entry('1', 4.0)),
+        lambda a: a.add_state('tracks', 5, entry('2', 5.0)),
+    ]
+    for order in permutations(sends):
+        assembly = Assembly(TOPICS, 'truth')
+        for send in order[:-1]:
+            send(assembly)
+            assert assembly.take() == []
+        order[-1](assembly)
+        frame, = assembly.take()
+        assert [e.state[1] for e in frame.answer('tracks')] == [4.0, 5.0]
+        assert frame.answer('truth')[0].state[1] == 3.0
+
+
+def test_entry_without_id_needs_no_state(assembly):
+    assembly.add_array('truth', 1, [], 0.0)
+    assembly.add_array('tracks', 1, [entry()], 0.0)
+    frame, = assembly.take()
+    assert len(frame.answer('tracks')) == 1
+    assert frame.answer('truth') == []
+
+
+def test_earlier_frame_is_given_up_once_a_later_one_is_whole(assembly):
+    assembly.add_array('truth', 1, [], 0.0)
+    for topic in TOPICS:
+        assembly.add_array(topic, 2, [], 0.0)
+    first, second = assembly.take()
+    assert (first.stamp, second.stamp) == (1, 2)
+    assert first.answer('tracks') is None
+    assert not assembly.add_array('tracks', 1, [], 0.0)
+    assert not assembly.add_state('tracks', 1, entry('1', 1.0))
+
+
+def test_old_frame_is_given_up(assembly):
+    assembly.add_array('truth', 1, [], 10.0)
+    assembly.add_array('truth', 2, [], 11.0)
+    assert assembly.take(older_than_s=10.0) == []
+    assert [frame.stamp for frame in assembly.take(older_than_s=10.5)] == [1]
+
+
+def test_second_array_of_a_frame_is_refused(assembly):
+    assert assembly.add_array('truth', 1, [], 0.0)
+    assert not assembly.add_array('truth', 1, [entry()], 0.0)
