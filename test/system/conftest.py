@@ -1,0 +1,66 @@
+"""Graphs for the system tests, and a listener beside them."""
+
+from graph_runs import own_domain
+from graph_runs import start_bringup
+from lowsnr_sensor.ros.runtime import reliable
+from nav_msgs.msg import Odometry
+import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Image
+from vision_msgs.msg import Detection2DArray
+
+TOPICS = {
+    'image_raw': Image, 'ground_truth': Detection2DArray, 'ground_truth/odometry': Odometry,
+    'detections': Detection2DArray, 'tracks': Detection2DArray, 'tracks/odometry': Odometry,
+    'clock': Clock,
+}
+
+
+@pytest.fixture
+def bringup(tmp_path):
+    """Return a function that starts ``bringup.py``; whatever it started ends with the test."""
+    runs = []
+
+    def start(*arguments, results='run'):
+        run = start_bringup(tmp_path / results, *arguments, domain_id=own_domain())
+        runs.append(run)
+        return run
+
+    yield start
+    for run in runs:
+        run.end()
+
+
+@pytest.fixture
+def hear(monkeypatch, bringup):
+    """Return a function that runs CDT on a scenario and returns the messages by topic."""
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=own_domain(),
+               signal_handler_options=SignalHandlerOptions.NO)
+    node = Node('listener', context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+
+    def run(*arguments):
+        messages = {topic: [] for topic in TOPICS}
+        for topic, kind in TOPICS.items():
+            node.create_subscription(kind, topic, messages[topic].append, reliable(1000))
+        # The listener is one more reader that the nodes wait for.
+        started = bringup(
+            '--detector', 'cdt', '--rate', '20', '--set', 'cdt.consumers=3',
+            '--set', 'tracker.consumers=2', *arguments)
+        while started.process.poll() is None:
+            executor.spin_once(timeout_sec=0.05)
+        code, _, err = started.finish()
+        assert code == 0, err
+        return messages
+
+    yield run
+    executor.shutdown()
+    node.destroy_node()
+    context.try_shutdown()

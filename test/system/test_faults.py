@@ -1,0 +1,60 @@
+"""Nodes that die, Ctrl-C, and a bring-up that is gone: nothing is left, nothing is lost."""
+
+import os
+import signal
+import time
+
+import pytest
+
+FRAMES_BEFORE = 10
+
+
+@pytest.mark.parametrize(
+    'victim', ['sensor_node', 'detector_node', 'tracker_node', 'evaluator_node'])
+def test_a_killed_node_is_named_and_ends_the_run(bringup, victim):
+    run = bringup('--detector', 'cdt', '--loop', '--rate', '100')
+    run.wait_for_rows(2 * FRAMES_BEFORE)
+    os.kill(run.nodes()[victim], signal.SIGKILL)
+    code, _, err = run.finish(within_s=20.0)
+    label = {'detector_node': 'cdt_detector'}.get(victim, victim.removesuffix('_node'))
+    assert code == 1
+    assert f'{label} was killed by SIGKILL' in err
+    assert f'{label}.log' in err
+    assert 'Traceback' not in err
+    run.wait_until_none_is_left()
+    assert len(run.rows()) >= 2 * FRAMES_BEFORE
+
+
+def test_ctrl_c_ends_within_five_seconds_and_keeps_the_scores(bringup):
+    run = bringup('--detector', 'sdt', '--loop', '--lockstep')
+    run.wait_for_rows(2 * FRAMES_BEFORE)
+    start = time.monotonic()
+    run.process.send_signal(signal.SIGINT)
+    code, out, err = run.finish(within_s=20.0)
+    assert time.monotonic() - start < 5.0
+    assert code == 130
+    assert 'Traceback' not in out + err
+    run.wait_until_none_is_left()
+    frames = run.summary()['frames']
+    assert frames['scored'] >= FRAMES_BEFORE
+    assert frames['scored'] == len(run.rows()) // 2
+
+
+def test_second_run_on_the_same_domain_is_refused(bringup):
+    first = bringup('--detector', 'cdt', '--loop', '--rate', '50')
+    first.wait_for_rows(2)
+    second = bringup('--detector', 'cdt', results='second')
+    code, out, err = second.finish()
+    assert (code, out, len(err.splitlines())) == (2, '', 1)
+    assert 'another run uses ROS domain' in err
+    assert not second.results.exists()
+    first.process.send_signal(signal.SIGINT)
+    assert first.finish(within_s=20.0)[0] == 130
+
+
+def test_nodes_end_when_bringup_is_killed(bringup):
+    run = bringup('--detector', 'cdt', '--loop', '--rate', '50')
+    run.wait_for_rows(2 * FRAMES_BEFORE)
+    assert len(run.nodes()) == 4
+    run.process.kill()
+    run.wait_until_none_is_left(within_s=10.0)

@@ -1,0 +1,57 @@
+"""The main job on the real graph: exit codes, scores, and the same results every time."""
+
+FRAMES = 40
+
+
+def test_one_detector_scores_every_frame(bringup):
+    run = bringup('--detector', 'sdt', '--rate', '40')
+    code, out, err = run.finish()
+    assert code == 0, err
+    summary = run.summary()
+    assert summary['frames'] == {'published': FRAMES, 'scored': FRAMES, 'unanswered': 0}
+    assert summary['detectors']['sdt']['operating_point'] == 'matched'
+    assert f'{FRAMES} frames published, {FRAMES} scored, 0 unanswered' in out
+    assert 'sdt       detection' in out
+    assert 'Traceback' not in out + err
+    run.wait_until_none_is_left()
+
+
+def test_detectors_side_by_side_see_the_same_frames(bringup):
+    run = bringup(
+        '--detector', 'cdt', 'sdt', '--lockstep', '--set', 'sdt.max_iterations=1',
+        '--set', 'cdt.operating_point=manual', '--set', 'sdt.operating_point=manual',
+        '--set', 'cdt.threshold=1.0', '--set', 'sdt.threshold=1.0',
+        '--set', 'cdt.thinning_reach=2', '--set', 'sdt.thinning_reach=2')
+    code, _, err = run.finish()
+    assert code == 0, err
+    # SDT of one iteration is CDT, so on the same frames it declares the same.
+    table = [row.split(',') for row in run.rows()]
+    cdt, sdt = ([row[4:8] for row in table if row[2:4] == [name, 'detection']]
+                for name in ('cdt', 'sdt'))
+    assert len(cdt) == FRAMES
+    assert sum(int(row[1]) for row in cdt) > FRAMES
+    assert cdt == sdt
+    assert sorted(run.summary()['detectors']) == ['cdt', 'sdt']
+
+
+def test_lockstep_with_a_seed_gives_the_same_bytes_twice(bringup):
+    tables = []
+    for name in ('first', 'second'):
+        run = bringup('--detector', 'sdt', '--lockstep', '--seed', '7', '--snr', '12',
+                      results=name)
+        code, _, err = run.finish()
+        assert code == 0, err
+        tables.append((run.results / 'frames.csv').read_bytes())
+    assert tables[0] == tables[1]
+    assert tables[0].count(b'\n') == 1 + 2 * FRAMES
+
+
+def test_earlier_results_are_kept(bringup):
+    first = bringup('--detector', 'cdt', '--lockstep', '--frames', '5')
+    assert first.finish()[0] == 0
+    before = (first.results / 'summary.json').read_bytes()
+    second = bringup('--detector', 'cdt', '--lockstep', '--frames', '6')
+    code, out, _ = second.finish()
+    assert code == 0
+    assert (first.results / 'summary.json').read_bytes() == before
+    assert f'results in {first.results}-2' in out
