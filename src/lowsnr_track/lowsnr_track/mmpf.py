@@ -156,9 +156,10 @@ def resample(
     states, modes, log_weights = cloud.states.copy(), cloud.modes.copy(), cloud.log_weights.copy()
     width = min(roughening * 0.95 * count**-0.125, 1.0)
     for t, index in zip(worn, drawn):
-        modes[t] = cloud.modes[t, index]
-        mean, cov = (moment[t] for moment in cloud.moments)
-        states[t] = _roughen(cloud.states[t, index], mean, cov, width, rng)
+        modes[t] = cloud.modes[t].take(index)
+        states[t] = cloud.states[t].take(index, axis=0)
+        if width > 0.0:
+            _roughen(states[t], *(moment[t] for moment in cloud.moments), width, rng)
     log_weights[worn] = -np.log(count)
     return Cloud(states, modes, log_weights)
 
@@ -166,11 +167,16 @@ def resample(
 def _roughen(
     states: np.ndarray, mean: np.ndarray, cov: np.ndarray, width: float,
     rng: np.random.Generator,
-) -> np.ndarray:
-    if width == 0.0:
-        return states
+) -> None:
+    """Pull the states (N, 4) of one cloud towards its mean and scatter them, in place."""
     # A cloud may lie in a plane or a point, which has no Cholesky factor.
     ridge = (1e-9 * np.trace(cov) + 1e-200) * np.eye(4)
-    noise = rng.standard_normal(states.shape) @ np.linalg.cholesky(cov + ridge).T
+    factor = width * np.linalg.cholesky(cov + ridge).T
     keep = np.sqrt(1.0 - width**2)
-    return keep * states + (width * noise + (1.0 - keep) * mean)
+    states *= keep
+    states += (1.0 - keep) * mean
+    # Pairs of opposite sign leave the mean where it is.
+    half = len(states) // 2
+    noise = rng.standard_normal((len(states) - half, 4)) @ factor
+    states[half:] += noise
+    states[:half] -= noise[:half]

@@ -224,6 +224,8 @@ class PdaMmpf:
         existence = stray * odds
         chosen = np.argsort(-existence, kind='stable')[:self.life.max_tracks]
         chosen = np.sort(chosen[existence[chosen] >= self.life.delete_probability])
+        if chosen.size == 0:
+            return no_tracks(self.particles), stray
         return newborn(
             measured[chosen], existence[chosen], first_id, self.motion, self.particles, rng
         ), stray
