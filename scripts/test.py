@@ -1,7 +1,5 @@
 """Run every linter and every test."""
 
-from __future__ import annotations
-
 import argparse
 import os
 from pathlib import Path

@@ -1,5 +1,8 @@
 """The main job on the real graph: exit codes, scores, and the same results every time."""
 
+import lowsnr_detect.detectors  # noqa: F401  (its files register themselves)
+from lowsnr_detect.registry import DETECTORS
+
 FRAMES = 40
 
 
@@ -32,6 +35,26 @@ def test_detectors_side_by_side_see_the_same_frames(bringup):
     assert sum(int(row[1]) for row in cdt) > FRAMES
     assert cdt == sdt
     assert sorted(run.summary()['detectors']) == ['cdt', 'sdt']
+
+
+def test_all_detectors_run_side_by_side(bringup):
+    names = sorted(DETECTORS)
+    # As designed, since calibrating all of them takes minutes.
+    settings = [f'{name}.operating_point=nominal' for name in names]
+    run = bringup('--detector', *names, '--lockstep', '--frames', '12', '--snr', '12',
+                  *(word for text in settings for word in ('--set', text)))
+    code, out, err = run.finish()
+    assert code == 0, err
+    summary = run.summary()
+    assert summary['frames'] == {'published': 12, 'scored': 12, 'unanswered': 0}
+    for name in names:
+        levels = summary['detectors'][name]
+        assert levels['detection']['unanswered'] == levels['tracking']['unanswered'] == 0
+        assert levels['detection']['hits'] > 0
+        # Those that estimate a whole state are scored for its velocity too.
+        whole = 'tbd' in name or name == 'hmm'
+        assert (levels['detection']['rmse_velocity_mps'] is not None) == whole
+        assert f'{name:<9} detection' in out
 
 
 def test_lockstep_with_a_seed_gives_the_same_bytes_twice(bringup):
