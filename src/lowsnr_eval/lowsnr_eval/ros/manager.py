@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from collections.abc import Iterable
 import time
-from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+from lifecycle_msgs.srv import GetState
 from lowsnr_eval.graph import Node as GraphNode
+from lowsnr_eval.ros.transition import PendingTransition
 from lowsnr_sensor.ros.runtime import reliable
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -20,6 +21,7 @@ from rclpy.signals import SignalHandlerOptions
 CONFIGURE = Transition.TRANSITION_CONFIGURE
 ACTIVATE = Transition.TRANSITION_ACTIVATE
 DEACTIVATE = Transition.TRANSITION_DEACTIVATE
+_EVALUATOR_WITHIN_S = 30.0
 
 
 class GraphFailure(Exception):
@@ -54,8 +56,9 @@ class Manager:
         self._node = Node('bringup', context=self._context, use_global_arguments=False)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
-        self._clients = {
-            node: self._node.create_client(ChangeState, f'{node.path}/change_state')
+        self._services = {
+            node: (self._node.create_client(ChangeState, f'{node.path}/change_state'),
+                   self._node.create_client(GetState, f'{node.path}/get_state'))
             for node in nodes}
         self._scored = self._node.create_subscription(
             DiagnosticArray, 'scored', self._count, reliable(10_000))
@@ -68,7 +71,11 @@ class Manager:
 
     def wait_for_evaluator(self) -> None:
         """Wait until the evaluator's word of scored frames reaches this manager."""
+        until = time.monotonic() + _EVALUATOR_WITHIN_S
         while not self._scored.get_publisher_count():
+            if time.monotonic() > until:
+                raise GraphFailure(
+                    f'the evaluator was not heard of within {_EVALUATOR_WITHIN_S:g} s')
             self.spin(0.01)
 
     def spin(self, seconds: float) -> None:
@@ -87,22 +94,18 @@ class Manager:
 
         """
         until = time.monotonic() + within_s
-        request = ChangeState.Request(transition=Transition(id=transition))
-        asked: dict[GraphNode, Any] = {}
-        waiting = list(nodes)
+        waiting = {node: PendingTransition(*self._services[node], transition) for node in nodes}
         while waiting:
-            for node in waiting:
-                if node not in asked and self._clients[node].service_is_ready():
-                    asked[node] = self._clients[node].call_async(request)
-            waiting = [n for n in waiting if n not in asked or not asked[n].done()]
+            for node, pending in list(waiting.items()):
+                if (made := pending.poll()) is False:
+                    raise GraphFailure(f'{node.label} refused to change its state')
+                if made:
+                    del waiting[node]
             if waiting and time.monotonic() > until:
                 raise GraphFailure(
-                    f'{waiting[0].label} did not answer within {within_s:g} s')
+                    f'{next(iter(waiting)).label} did not answer within {within_s:g} s')
             if waiting:
                 self.spin(0.02)
-        for node, future in asked.items():
-            if not future.result().success:
-                raise GraphFailure(f'{node.label} refused to change its state')
 
     def _count(self, message: DiagnosticArray) -> None:
         self.scored += 1
