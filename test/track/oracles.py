@@ -1,4 +1,9 @@
-"""Independent references for the tracker: Kalman mixtures, closed forms, enumeration."""
+"""
+Independent references for the tracker: an exact filter, closed forms, enumeration.
+
+The exact filter of a linear Gaussian system with Markov modes and uncertain association is a
+mixture of Kalman filters, one for each history of modes and detections.
+"""
 
 from dataclasses import dataclass
 import itertools
@@ -8,70 +13,75 @@ import numpy as np
 H = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
 
 
-@dataclass
-class Gaussian:
-    """One hypothesis of a mixture: its weight, moments and current mode."""
+@dataclass(frozen=True)
+class Mixture:
+    """Weights (M,), means (M, 4), covariances (M, 4, 4) and modes (M,) of the hypotheses."""
 
-    weight: float
+    weight: np.ndarray
     mean: np.ndarray
     cov: np.ndarray
-    mode: int
+    mode: np.ndarray
+
+    def __getitem__(self, index):
+        """Return the hypotheses of an index, weighted to one."""
+        weight = self.weight[index] / self.weight[index].sum()
+        return Mixture(weight, self.mean[index], self.cov[index], self.mode[index])
+
+    def moments(self):
+        """Return mean and covariance of the state."""
+        mean = self.weight @ self.mean
+        offset = self.mean - mean
+        spread = np.einsum('m,mi,mj->ij', self.weight, offset, offset)
+        return mean, np.einsum('m,mij->ij', self.weight, self.cov) + spread
+
+    def modes(self, count):
+        """Return the probability of each mode."""
+        return np.bincount(self.mode, self.weight, minlength=count)
 
 
-def density(value, mean, cov):
-    """Return the normal density, by the textbook formula."""
-    offset = np.asarray(value) - mean
-    exponent = -0.5 * offset @ np.linalg.inv(cov) @ offset
-    return np.exp(exponent) / np.sqrt(np.linalg.det(2 * np.pi * cov))
+def gaussian(mean, cov, modes):
+    """Return one Gaussian, whatever the mode."""
+    return Mixture(np.full(modes, 1.0 / modes), np.tile(mean, (modes, 1)),
+                   np.tile(cov, (modes, 1, 1)), np.arange(modes))
 
 
-def kalman_update(mean, cov, z, noise):
-    """Return posterior mean and covariance and the likelihood of one position."""
-    innovation = H @ cov @ H.T + noise
-    gain = cov @ H.T @ np.linalg.inv(innovation)
-    likelihood = density(z, H @ mean, innovation)
-    return mean + gain @ (z - H @ mean), (np.eye(4) - gain @ H) @ cov, likelihood
-
-
-def exact_predict(mixture, matrices, process_noise, transition):
+def predict(mixture, matrices, process_noise, transition):
     """Split every hypothesis by the mode it switches to, then move it."""
-    return [
-        Gaussian(item.weight * transition[item.mode, mode],
-                 matrices[mode] @ item.mean,
-                 matrices[mode] @ item.cov @ matrices[mode].T + process_noise, mode)
-        for item in mixture for mode in range(len(matrices))
-        if transition[item.mode, mode] > 0.0
-    ]
+    count = len(matrices)
+    weight = mixture.weight[:, None] * transition[mixture.mode]
+    mean = np.einsum('rij,mj->mri', matrices, mixture.mean)
+    cov = np.einsum('rij,mjk,rlk->mril', matrices, mixture.cov, matrices) + process_noise
+    mode = np.tile(np.arange(count), len(mixture.weight))
+    return Mixture(weight.ravel(), mean.reshape(-1, 4), cov.reshape(-1, 4, 4), mode)
 
 
-def exact_update(mixture, positions, noise, detected, clutter):
-    """Split every hypothesis by the detection that is its own, or none; drop what is nothing."""
-    split = []
-    for item in mixture:
-        split.append(Gaussian((1 - detected) * item.weight, item.mean, item.cov, item.mode))
-        for z in positions:
-            mean, cov, likelihood = kalman_update(item.mean, item.cov, z, noise)
-            weight = item.weight * detected * likelihood / clutter
-            split.append(Gaussian(weight, mean, cov, item.mode))
-    total = sum(item.weight for item in split)
-    kept = [item for item in split if item.weight > 1e-10 * total]
-    for item in kept:
-        item.weight /= total
-    return kept, total
+def update(mixture, positions, noise, detected, clutter, most=20_000, negligible=1e-9):
+    """
+    Split every hypothesis by the detection that is its own, or none.
+
+    Returns the ``most`` heaviest hypotheses that are not negligible, and the likelihood ratio
+    of the frame against "no object".
+    """
+    innovation = H @ mixture.cov @ H.T + noise
+    gain = mixture.cov @ H.T @ np.linalg.inv(innovation)
+    reduced = mixture.cov - gain @ H @ mixture.cov
+    parts = [Mixture((1.0 - detected) * mixture.weight, mixture.mean, mixture.cov, mixture.mode)]
+    for z in positions:
+        offset = z - mixture.mean @ H.T
+        weight = mixture.weight * densities(offset, innovation) * detected / clutter
+        mean = mixture.mean + np.einsum('mij,mj->mi', gain, offset)
+        parts.append(Mixture(weight, mean, reduced, mixture.mode))
+    split = Mixture(*(np.concatenate([getattr(part, name) for part in parts])
+                      for name in ('weight', 'mean', 'cov', 'mode')))
+    heavy = np.argsort(-split.weight, kind='stable')[:most]
+    heavy = heavy[split.weight[heavy] > negligible * split.weight[heavy[0]]]
+    return split[heavy], split.weight.sum()
 
 
-def exact_moments(mixture):
-    """Return mean and covariance of a mixture."""
-    mean = sum(item.weight * item.mean for item in mixture)
-    cov = sum(item.weight * (item.cov + np.outer(item.mean - mean, item.mean - mean))
-              for item in mixture)
-    return mean, cov
-
-
-def exact_modes(mixture, count):
-    """Return the probability of each mode."""
-    return np.array([sum(item.weight for item in mixture if item.mode == mode)
-                     for mode in range(count)])
+def densities(offset, cov):
+    """Return the normal density of each offset (M, 2), by the textbook formula."""
+    exponent = -0.5 * np.einsum('mi,mij,mj->m', offset, np.linalg.inv(cov), offset)
+    return np.exp(exponent) / np.sqrt(np.linalg.det(2.0 * np.pi * cov))
 
 
 def joint_marginals(claim):

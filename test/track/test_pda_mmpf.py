@@ -65,20 +65,20 @@ def test_existence_and_state_match_exact_integrated_pda(rng):
         life=TrackLife(lifetime_s=40.0, max_tracks=1))
     frames = [[(5.0, 6.0)], [(5.4, 6.3), (4.2, 5.9)], [], [(5.5, 6.5), (6.0, 5.0)]]
     outputs = follow(tracker, [[detection(*z) for z in frame] for frame in frames], rng)
-    mixture = [oracles.Gaussian(1.0, np.array([5.0, 0, 6.0, 0]),
-                                np.diag([VARIANCE, 1e-18, VARIANCE, 1e-18]), 0)]
+    mixture = oracles.gaussian(
+        np.array([5.0, 0, 6.0, 0]), np.diag([VARIANCE, 1e-18, VARIANCE, 1e-18]), 1)
     existence = at_birth(tracker)
     noise = motion_noise(motion)
     for frame, output in zip(frames[1:], outputs[1:]):
-        mixture = oracles.exact_predict(
+        mixture = oracles.predict(
             mixture, motion.transition_matrices(1.0), noise, np.ones((1, 1)))
-        mixture, gain = oracles.exact_update(
+        mixture, gain = oracles.update(
             mixture, frame, VARIANCE * np.eye(2),
             PLAIN.in_gate_probability, PLAIN.clutter_density)
         existence *= np.exp(-1 / tracker.life.lifetime_s)
         existence = existence * gain / (1 - existence + existence * gain)
         track = min(everything(output), key=lambda item: int(item.id))
-        mean, cov = oracles.exact_moments(mixture)
+        mean, cov = mixture.moments()
         # Effective sizes stay above a tenth of the particles: five standard errors.
         error = 5 * np.sqrt(10 / tracker.particles)
         std = np.sqrt(np.diag(cov))

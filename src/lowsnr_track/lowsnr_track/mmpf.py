@@ -142,8 +142,8 @@ def resample(
     below
         Share of N at or below which the effective size brings on resampling.
     roughening
-        Width of the scatter, in units of the best one for a Gaussian of four dimensions
-        (Silverman 1986), which is ``0.95 N^(-1/8)`` standard deviations; 0 for none.
+        Width of the scatter in units of ``N^(-1/4)`` standard deviations of the cloud, the rate
+        of Gordon, Salmond and Smith (1993) for four dimensions; 0 for none.
     rng
         Source of randomness.
 
@@ -154,12 +154,13 @@ def resample(
         return cloud
     drawn = systematic_resample(cloud.log_weights[worn], count, rng)
     states, modes, log_weights = cloud.states.copy(), cloud.modes.copy(), cloud.log_weights.copy()
-    width = min(roughening * 0.95 * count**-0.125, 1.0)
+    width = min(roughening * count**-0.25, 1.0)
+    mean, cov = cloud.moments
     for t, index in zip(worn, drawn):
         modes[t] = cloud.modes[t].take(index)
         states[t] = cloud.states[t].take(index, axis=0)
         if width > 0.0:
-            _roughen(states[t], *(moment[t] for moment in cloud.moments), width, rng)
+            _roughen(states[t], mean[t], cov[t], width, rng)
     log_weights[worn] = -np.log(count)
     return Cloud(states, modes, log_weights)
 

@@ -85,8 +85,8 @@ class PdaMmpf:
         0.5, 'share of the particles at or below which the effective number brings on '
         'resampling', gt=0.0, le=1.0)
     roughening: float = setting(
-        0.8, 'scatter of resampled particles, in units of the best one for a Gaussian cloud',
-        ge=0.0, le=2.0)
+        1.8, 'scatter of resampled particles, in standard deviations of their cloud over the '
+        'fourth root of their number', ge=0.0, le=10.0)
 
     def __post_init__(self) -> None:
         check_settings(self)
