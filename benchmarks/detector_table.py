@@ -1,0 +1,188 @@
+"""
+Table of P_D against SNR for all detectors at the same share of false alarms.
+
+Objects move at random as config/scenarios/random.yaml says, and detectors that know how objects
+move know that.  P_D is the share of frames 10 to 35, in which the object is there for at least
+five, with a declaration within the gate; every detector is calibrated to the same share of
+empty frames with any declaration.  Intervals are 95 %, by bootstrap over whole runs.
+"""
+
+import argparse
+from concurrent.futures import ProcessPoolExecutor
+import csv
+from dataclasses import dataclass
+from dataclasses import field
+from dataclasses import replace
+from pathlib import Path
+import sys
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / 'scripts'))
+
+import _environment  # noqa: E402
+
+FRAMES = slice(9, 35)
+SNRS_DB = (1.0, 3.0, 6.0, 7.6, 9.0, 12.0, 15.0)
+WANTED = 0.9
+BLOCK = 20
+BOOTSTRAPS = 1000
+FIELDS = (
+    'method', 'snr_db', 'pd', 'pd_low', 'pd_high', 'empty_rate', 'empty_low', 'empty_high',
+    'threshold', 'threshold_low', 'threshold_high', 'runs', 'seed')
+
+
+@dataclass(frozen=True)
+class Method:
+    """A registered detector with settings of its own; ``lag`` is that of its answers."""
+
+    label: str
+    detector: str
+    settings: dict[str, Any] = field(default_factory=dict)
+    lag: int = 0
+
+
+# beta below: th_1 of the default drops the path of one object in a hundred.
+METHODS = (
+    Method('cdt', 'cdt'),
+    *(Method(f'sdt s_m={most}', 'sdt', {'max_iterations': most, 'beta': 1e-4})
+      for most in (3, 5, 8)),
+    Method('sdt s_m=8 prior', 'sdt', {'max_iterations': 8, 'beta': 1e-4, 'move_prior': True}),
+    Method('cusum', 'cusum'),
+    Method('tbd1', 'tbd1'),
+    Method('mmtbd1', 'mmtbd1'),
+    Method('tbd2', 'tbd2'),
+    Method('mmtbd2', 'mmtbd2'),
+    *(Method(f'hmm order {order}', 'hmm', {'order': order}) for order in (0, 1, 2)),
+    Method('hmm lag 3', 'hmm', {'lag': 3}, lag=3),
+)
+
+
+def main() -> int:
+    """Compute, print and write the table; return the exit code."""
+    parser = argparse.ArgumentParser(
+        description=__doc__.strip().partition('\n')[0], allow_abbrev=False,
+        epilog='example: python benchmarks/detector_table.py --runs 500')
+    parser.add_argument('--runs', type=int, default=500, help='runs with an object (500)')
+    parser.add_argument('--seed', type=int, default=0, help='root seed (0)')
+    parser.add_argument('--snr', type=float, nargs='+', default=SNRS_DB, metavar='DB')
+    parser.add_argument(
+        '--method', nargs='+', default=[m.label for m in METHODS], metavar='LABEL',
+        choices=[m.label for m in METHODS], help='rows of the table (all)')
+    parser.add_argument('--processes', type=int, default=2, help='processes (2)')
+    parser.add_argument('--out', type=Path, default=ROOT / 'results' / 'detector_table.csv')
+    options = parser.parse_args()
+    _environment.ensure()
+    chosen = [method for method in METHODS if method.label in options.method]
+    tasks = [(m, snr, options.runs, options.seed) for snr in options.snr for m in chosen]
+    rows = []
+    with ProcessPoolExecutor(options.processes) as pool:
+        for row in pool.map(measure, *zip(*tasks)):
+            rows.append(row)
+            print('{method:>16} {snr_db:5g} dB  P_D {pd:.3f} [{pd_low:.3f}, {pd_high:.3f}]  '
+                  'empty {empty_rate:.4f} [{empty_low:.4f}, {empty_high:.4f}]  '
+                  'threshold {threshold:.2f}'.format(**row), flush=True)
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    with options.out.open('w', newline='', encoding='utf-8') as file:
+        writer = csv.DictWriter(file, FIELDS)
+        writer.writeheader()
+        writer.writerows(rows)
+    print_table(rows, chosen, options.snr)
+    print(f'written to {options.out}')
+    return 0
+
+
+def measure(method: Method, snr_db: float, runs: int, seed: int) -> dict[str, Any]:
+    """Calibrate a method, run it on frames with and without an object, and score it."""
+    from lowsnr_detect.calibration import calibrated
+    from lowsnr_detect.false_alarms import empty_frame_peaks
+    from lowsnr_detect.false_alarms import Simulation
+    from lowsnr_sensor.measurement import SensorModel
+    from lowsnr_sensor.scenario import load_scenario
+    import numpy as np
+
+    scenario = load_scenario(ROOT / 'config' / 'scenarios' / 'random.yaml')
+    sensor = SensorModel(snr_db=snr_db)
+    found = calibrated(build(method, sensor, scenario.objects[0].random), 0.01, scenario.shape)
+    detector = replace(
+        build(method, sensor, scenario.objects[0].random), threshold=found.threshold)
+    hits = np.concatenate([
+        block_hits(detector, method.lag, scenario, sensor, seed, first, min(BLOCK, runs - first))
+        for first in range(0, runs, BLOCK)])
+    # Other noise than that of the calibration.
+    empty = empty_frame_peaks(
+        detector, Simulation(runs, scenario.frames, scenario.shape, seed + 1_000_003))
+    alarms = (empty > found.threshold).mean(axis=1)
+    low, high = bootstrap(hits, seed)
+    empty_low, empty_high = bootstrap(alarms, seed)
+    return dict(zip(FIELDS, (
+        method.label, snr_db, hits.mean(), low, high, alarms.mean(), empty_low, empty_high,
+        found.threshold, *found.interval, runs, seed)))
+
+
+def build(method: Method, sensor: Any, motion: Any) -> Any:
+    """Return the detector of a method; one that reckons with motion is told it."""
+    from lowsnr_detect.registry import detector_class
+    from lowsnr_sensor.config import build_settings
+    from lowsnr_sensor.config import flat_values
+
+    cls = detector_class(method.detector)
+    values = {f'sensor.{key}': value for key, value in flat_values(sensor).items()}
+    if 'motion' in cls.__dataclass_fields__:
+        values |= {f'motion.{key}': value for key, value in flat_values(motion).items()
+                   if not (key == 'turn_rates_deg_s' and method.detector in ('tbd1', 'tbd2'))}
+    return build_settings(cls, values | method.settings)
+
+
+def block_hits(
+    detector: Any, lag: int, scenario: Any, sensor: Any, seed: int, first: int, count: int,
+) -> Any:
+    """Return the share of scored frames with a hit, for each run of a block."""
+    from lowsnr_eval.chain import detect
+    from lowsnr_eval.experiment import simulate_run
+    from lowsnr_eval.scoring import Evaluation
+    import numpy as np
+
+    truth, frames = zip(*(
+        simulate_run(scenario, sensor, seed, run) for run in range(first, first + count)))
+    (answers,) = detect([detector], np.stack(frames), seed, first)
+    states = np.stack([declared.state for declared in answers], axis=1)
+    states = states[:, FRAMES.start + lag:FRAMES.stop + lag, :, ::2]
+    away = np.linalg.norm(states - np.stack(truth)[:, FRAMES, None, ::2], axis=-1)
+    return np.any(away <= Evaluation().gate_m, axis=-1).mean(axis=1)
+
+
+def bootstrap(shares: Any, seed: int) -> tuple[float, float]:
+    """Return the 95 % interval of the mean, drawing whole runs."""
+    import numpy as np
+
+    rng = np.random.default_rng(seed)
+    means = shares[rng.integers(len(shares), size=(BOOTSTRAPS, len(shares)))].mean(axis=1)
+    low, high = np.quantile(means, (0.025, 0.975))
+    return float(low), float(high)
+
+
+def print_table(rows: list[dict[str, Any]], methods: list[Method], snrs: list[float]) -> None:
+    """Print P_D by method and SNR, and the SNR at which it reaches 0.9."""
+    print(f'\n{"P_D":>16}' + ''.join(f'{snr:>7g}' for snr in snrs) + f'{"dB for 0.9":>12}')
+    for method in methods:
+        own = [row['pd'] for row in rows if row['method'] == method.label]
+        needed = reaches(list(snrs), own)
+        print(f'{method.label:>16}' + ''.join(f'{pd:7.3f}' for pd in own)
+              + (f'{needed:12.1f}' if needed is not None else f'{"-":>12}'))
+
+
+def reaches(snrs: list[float], probs: list[float]) -> float | None:
+    """Interpolate the SNR at which P_D reaches what is wanted; None where it does not."""
+    for k in range(1, len(snrs)):
+        if probs[k - 1] < WANTED <= probs[k]:
+            share = (WANTED - probs[k - 1]) / (probs[k] - probs[k - 1])
+            return snrs[k - 1] + share * (snrs[k] - snrs[k - 1])
+    return None
+
+
+if __name__ == '__main__':
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit(130)
