@@ -4,10 +4,13 @@ from pathlib import Path
 import shutil
 
 from lowsnr_detect.registry import detector_class
+from lowsnr_detect.registry import DETECTORS
 from lowsnr_eval.graph import load_config
 from lowsnr_eval.graph import to_yaml
 from lowsnr_eval.run_plan import plan_run
 from lowsnr_eval.run_plan import RunOptions
+from lowsnr_sensor.config import flat_values
+from lowsnr_track.pda_mmpf import PdaMmpf
 import pytest
 import yaml
 
@@ -109,7 +112,10 @@ def test_parameter_file_reads_back_as_it_was():
 def test_shipped_configuration_says_the_defaults():
     # The comments call the values the defaults, so they must be.
     config = load_config(CONFIG)
-    for name in ('cdt', 'sdt'):
-        detector = detector_class(name)()
+    for name in DETECTORS:
+        values = flat_values(detector_class(name)())
         for key, value in config[f'{name}_detector'].items():
-            assert getattr(detector, key) == value
+            assert values[key] == value, (name, key)
+    tracker = flat_values(PdaMmpf())
+    for key, value in config['tracker'].items():
+        assert tracker[key] == (list(value) if isinstance(value, tuple) else value), key
