@@ -12,8 +12,10 @@ from concurrent.futures import ProcessPoolExecutor
 import csv
 from dataclasses import dataclass
 from dataclasses import field
+from dataclasses import fields
 from dataclasses import replace
 from pathlib import Path
+from statistics import NormalDist
 import sys
 from typing import Any
 
@@ -42,12 +44,10 @@ class Method:
     lag: int = 0
 
 
-# beta below: th_1 of the default drops the path of one object in a hundred.
 METHODS = (
     Method('cdt', 'cdt'),
-    *(Method(f'sdt s_m={most}', 'sdt', {'max_iterations': most, 'beta': 1e-4})
-      for most in (3, 5, 8)),
-    Method('sdt s_m=8 prior', 'sdt', {'max_iterations': 8, 'beta': 1e-4, 'move_prior': True}),
+    *(Method(f'sdt s_m={most}', 'sdt', {'max_iterations': most}) for most in (3, 5, 8)),
+    Method('sdt s_m=8 prior', 'sdt', {'max_iterations': 8, 'move_prior': True}),
     Method('cusum', 'cusum'),
     Method('tbd1', 'tbd1'),
     Method('mmtbd1', 'mmtbd1'),
@@ -128,7 +128,7 @@ def build(method: Method, sensor: Any, motion: Any) -> Any:
 
     cls = detector_class(method.detector)
     values = {f'sensor.{key}': value for key, value in flat_values(sensor).items()}
-    if 'motion' in cls.__dataclass_fields__:
+    if any(item.name == 'motion' for item in fields(cls)):
         values |= {f'motion.{key}': value for key, value in flat_values(motion).items()
                    if not (key == 'turn_rates_deg_s' and method.detector in ('tbd1', 'tbd2'))}
     return build_settings(cls, values | method.settings)
@@ -173,10 +173,16 @@ def print_table(rows: list[dict[str, Any]], methods: list[Method], snrs: list[fl
 
 
 def reaches(snrs: list[float], probs: list[float]) -> float | None:
-    """Interpolate the SNR at which P_D reaches what is wanted; None where it does not."""
+    """
+    Interpolate the SNR at which P_D reaches what is wanted; None where it does not.
+
+    The normal quantile of P_D is nearly straight between two SNRs, P_D itself is not.
+    """
+    wanted, *own = (
+        NormalDist().inv_cdf(min(max(prob, 1e-4), 1.0 - 1e-4)) for prob in (WANTED, *probs))
     for k in range(1, len(snrs)):
-        if probs[k - 1] < WANTED <= probs[k]:
-            share = (WANTED - probs[k - 1]) / (probs[k] - probs[k - 1])
+        if own[k - 1] < wanted <= own[k]:
+            share = (wanted - own[k - 1]) / (own[k] - own[k - 1])
             return snrs[k - 1] + share * (snrs[k] - snrs[k - 1])
     return None
 

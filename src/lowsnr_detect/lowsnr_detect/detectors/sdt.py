@@ -48,7 +48,7 @@ class SDT:
     alpha: float = setting(
         0.01, 'nominal probability that a path of noise is declared', gt=0.0, lt=0.5)
     beta: float = setting(
-        0.01, 'nominal probability that the path of an object is dropped', gt=0.0, lt=0.5)
+        1e-4, 'nominal probability that the path of an object is dropped', gt=0.0, lt=0.5)
     threshold: float = setting(
         0.0, 'log-likelihood ratio of the truncated test at M = s_m, tau of eq. (8) [nat]')
     upper_threshold: float = setting(
