@@ -26,30 +26,43 @@ def beliefs(claim):
     return association_probabilities(log_claim, log_shares(log_claim, index))
 
 
-def test_gate_holds_what_is_within_the_bound(rng):
-    measured = measurements(rng.uniform(0, 9, (30, 2)), rng)
-    mean = rng.uniform(0, 9, (4, 2))
-    cov = np.stack([np.diag([1.0, 2.0])] * 4)
-    index = gate(mean, cov, measured, 9.0, 100)
+def cloud_of(positions):
+    """Return clouds (T, N) at positions (T, N, 2)."""
+    states = np.zeros((*np.shape(positions)[:2], 4))
+    states[..., [0, 2]] = positions
+    return uniform_cloud(states, np.zeros(states.shape[:2], dtype=int))
+
+
+def test_gate_holds_what_is_near_any_particle(rng):
+    measured = measurements(rng.uniform(0, 30, (60, 2)), rng)
+    cloud = cloud_of(rng.uniform(0, 30, (4, 1, 2)) + rng.standard_normal((4, 50, 2)))
+    index = gate(cloud, measured, 9.0, 100)
     for t in range(4):
-        offset = measured.position - mean[t]
-        spread = np.diag([1.0, 2.0]) + measured.cov
-        squared = np.einsum('ni,nij,nj->n', offset, np.linalg.inv(spread), offset)
         found = index[t][index[t] >= 0]
-        assert set(found) == set(np.flatnonzero(squared <= 9.0))
-        assert np.all(np.diff(squared[found]) >= 0)
+        offset = measured.position[:, None] - cloud.states[t][:, [0, 2]]
+        squared = np.einsum('mni,mij,mnj->mn', offset, np.linalg.inv(measured.cov), offset)
+        assert set(np.flatnonzero(squared.min(axis=1) <= 9.0)) <= set(found)
+        reach = 3.0 * np.sqrt(np.einsum('mii->mi', measured.cov))[:, None] + 1e-9
+        beyond = np.all(np.any(abs(offset) > reach + np.ptp(offset, axis=1)[:, None], axis=-1), 1)
+        assert not set(np.flatnonzero(beyond)) & set(found)
+
+
+def test_gate_holds_both_halves_of_a_split_cloud(rng):
+    measured = measurements([[0, 0], [20, 0]], rng)
+    split = np.where(np.arange(100) < 3, 20.0, 0.0)
+    cloud = cloud_of(np.stack([split, np.zeros(100)], axis=-1)[None])
+    assert gate(cloud, measured, 9.0, 5).tolist() == [[0, 1]]
 
 
 def test_gate_keeps_the_nearest(rng):
     measured = measurements([[0, 0], [1, 0], [2, 0], [3, 0]], rng)
     measured = Measurements(measured.position, np.stack([np.eye(2)] * 4), measured.score)
-    index = gate(np.array([[2.1, 0]]), np.eye(2)[None], measured, 100.0, 2)
-    assert index.tolist() == [[2, 3]]
+    assert gate(cloud_of([[[2.1, 0.0]] * 5]), measured, 100.0, 2).tolist() == [[2, 3]]
 
 
 def test_gate_of_nothing_is_empty(rng):
     none = measurements(np.empty((0, 2)), rng)
-    assert gate(np.zeros((3, 2)), np.stack([np.eye(2)] * 3), none, 9.0, 5).shape == (3, 0)
+    assert gate(cloud_of(np.zeros((3, 10, 2))), none, 9.0, 5).shape == (3, 0)
 
 
 def test_log_densities_match_scipy(rng):

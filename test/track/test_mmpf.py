@@ -42,7 +42,7 @@ def test_single_mode_filter_matches_kalman_filter(rng):
         cloud = predict(cloud, motion, 0.7, 1, rng)
         cloud, log_evidence = update(cloud, log_likelihood(cloud, z))
         found_mean, found_cov = cloud.moments
-        cloud = resample(cloud, 0.5, 1.0, rng)
+        cloud = resample(cloud, 0.5, 0.5, 1.0, rng)
         # Effective sizes stay above N / 10; five standard errors of a mean and a variance.
         error = 5 * np.sqrt(10 / count)
         std = np.sqrt(np.diag(cov))
@@ -69,7 +69,7 @@ def test_mode_probabilities_match_exact_mixture(rng):
         cloud, _ = update(cloud, 10 * log_likelihood(cloud, z))
         found = cloud.mode_probabilities(3)
         mean = cloud.moments[0].mean(axis=0)
-        cloud = resample(cloud, 0.5, 0.0, rng)
+        cloud = resample(cloud, 0.5, 0.5, 0.0, rng)
         # The effective sizes stay above N / 50: 4 standard errors of a share of four clouds.
         assert found.mean(axis=0) == pytest.approx(
             mixture.modes(3), abs=4 * 0.5 / np.sqrt(count * runs / 50))
@@ -83,7 +83,7 @@ def test_flat_likelihood_leaves_modes_to_the_chain(rng):
     for k in range(1, steps + 1):
         cloud = predict(cloud, motion, 1.0, 1, rng)
         cloud, _ = update(cloud, np.full((1, count), -7.0))
-        cloud = resample(cloud, 1.0, 2.0, rng)
+        cloud = resample(cloud, 1.0, 0.5, 2.0, rng)
         expected = np.linalg.matrix_power(motion.mode_transition(1.0), k)[0]
         error = 4 * np.sqrt(expected * (1 - expected) / count)
         assert np.all(abs(cloud.mode_probabilities(3)[0] - expected) < error)
@@ -94,16 +94,29 @@ def test_resample_leaves_healthy_clouds_alone(rng):
     healthy, worn = gaussian_cloud(100, motion, rng), gaussian_cloud(100, motion, rng)
     worn, _ = update(worn, np.where(np.arange(100) < 10, 0.0, -np.inf)[None])
     both = concatenate(healthy, worn)
-    after = resample(both, 0.5, 0.05, rng)
+    after = resample(both, 0.5, 1.0, 1.0, rng)
     assert np.array_equal(after.states[0], both.states[0])
     assert after.log_weights[1] == pytest.approx(-np.log(100))
     assert len(np.unique(after.states[1], axis=0)) == 100
 
 
+@pytest.mark.parametrize('power', [0.3, 1.0])
+def test_resampling_keeps_the_weight_of_every_particle(rng, power):
+    """Averaged over draws, whatever power of the weights they go by."""
+    cloud = uniform_cloud(np.arange(32.0).reshape(1, 8, 4), np.arange(8)[None])
+    cloud, _ = update(cloud, rng.normal(0.0, 1.0, (1, 8)))
+    wide = Cloud(*(np.repeat(part, 4000, axis=1) for part in (
+        cloud.states, cloud.modes, cloud.log_weights - np.log(4000))))
+    after = resample(wide, 1.0, power, 0.0, rng)
+    # Systematic draws of 4000 copies of each: every share is within one of them.
+    assert after.mode_probabilities(8) == pytest.approx(cloud.mode_probabilities(8), rel=2e-3)
+    assert np.ptp(after.log_weights) == pytest.approx((1 - power) * np.ptp(wide.log_weights))
+
+
 def test_roughening_keeps_mean_and_covariance(rng):
     motion = MotionModes()
     cloud = gaussian_cloud(100_000, motion, rng)
-    after = resample(cloud, 1.0, 9.0, rng)
+    after = resample(cloud, 1.0, 1.0, 9.0, rng)
     before_mean, before_cov = cloud.moments
     mean, cov = after.moments
     error = 4 * np.sqrt(np.diag(COV) / 100_000)
@@ -113,7 +126,7 @@ def test_roughening_keeps_mean_and_covariance(rng):
 
 def test_cloud_in_a_point_survives_resampling(rng):
     cloud = uniform_cloud(np.ones((1, 50, 4)), np.zeros((1, 50), dtype=int))
-    after = resample(cloud, 1.0, 0.1, rng)
+    after = resample(cloud, 1.0, 0.5, 1.0, rng)
     assert after.states == pytest.approx(np.ones((1, 50, 4)))
 
 

@@ -92,15 +92,18 @@ def motion_noise(motion):
     return np.kron(np.eye(2), step)
 
 
-def test_shared_frames_temper_existence(tracker, rng):
-    gains = []
+def test_shared_frames_temper_what_detections_say_of_existence(tracker):
+    gains = {}
     for frames in (1, 4):
         settings = replace(
             tracker, frames_per_detection=frames, life=TrackLife(lifetime_s=1e9))
-        outputs = follow(settings, [[detection(9, 8)], []], rng)
-        score = np.array([everything(output)[0].score for output in outputs])
-        gains.append(np.diff(np.log(score / (1 - score)))[0])
-    assert gains[0] == pytest.approx(2 * gains[1])
+        for name, then in (('seen', [detection(9, 8)]), ('missed', [])):
+            outputs = follow(settings, [[detection(9, 8)], then], np.random.default_rng(1))
+            score = np.array([everything(output)[0].score for output in outputs])
+            gains[name, frames] = np.diff(np.log(score / (1 - score)))[0]
+    assert gains['seen', 1] == pytest.approx(2 * gains['seen', 4])
+    assert gains['missed', 1] == pytest.approx(gains['missed', 4])
+    assert gains['missed', 1] == pytest.approx(np.log1p(-PLAIN.in_gate_probability))
 
 
 def test_two_crossing_objects_keep_their_ids(rng):

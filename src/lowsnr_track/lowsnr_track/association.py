@@ -27,36 +27,45 @@ _SETTLED = 1e-6
 _CERTAIN_CLAIM = 30.0
 
 
-def gate(
-    mean: np.ndarray, cov: np.ndarray, measured: Measurements, bound: float, most: int,
-) -> np.ndarray:
+def gate(cloud: Cloud, measured: Measurements, bound: float, most: int) -> np.ndarray:
     """
     Choose the detections that each track may have caused.
 
+    The gate is the box around the whole cloud, widened by the error of the detection.  An
+    ellipse of the cloud's mean and covariance would lose an object that is where few of the
+    particles are: some with a false detection that the others follow, say.
+
     Parameters
     ----------
-    mean : (T, 2) ndarray
-        Predicted position [m].
-    cov : (T, 2, 2) ndarray
-        Its covariance [m^2].
+    cloud : Cloud
+        Predicted particles, (T, N).
     measured
         Detections.
     bound
-        Largest squared Mahalanobis distance from the predicted position.
+        Squared error of a detection, in variances along an axis, that the gate allows for.
     most
         Largest number of detections a track, nearest first.
 
     Returns
     -------
     (T, G) ndarray of int
-        Indices of the detections in each gate, in ascending distance; -1 fills the rows.
+        Indices of the detections in each gate, in ascending Mahalanobis distance from the
+        predicted position; -1 fills the rows.
 
     """
+    inside = np.ones((len(cloud.modes), len(measured)), dtype=bool)
+    for axis, column in enumerate(POS):
+        states, position = cloud.states[..., column], measured.position[:, axis]
+        margin = np.sqrt(bound * measured.cov[:, axis, axis])
+        inside &= position + margin >= states.min(axis=-1)[:, None]
+        inside &= position - margin <= states.max(axis=-1)[:, None]
+    mean, cov = cloud.position_moments
     offset = measured.position - mean[:, None]
     distance = _quadratic(offset[..., 0], offset[..., 1], cov[:, None] + measured.cov)
-    size = min(most, int(np.max(np.sum(distance <= bound, axis=1), initial=0)))
+    distance = np.where(inside, distance, np.inf)
+    size = min(most, int(np.max(np.sum(inside, axis=1), initial=0)))
     index = np.argsort(distance, axis=1, kind='stable')[:, :size]
-    return np.where(np.take_along_axis(distance, index, axis=1) <= bound, index, -1)
+    return np.where(np.take_along_axis(inside, index, axis=1), index, -1)
 
 
 def log_densities(cloud: Cloud, measured: Measurements, index: np.ndarray) -> np.ndarray:

@@ -6,10 +6,13 @@ from dataclasses import dataclass
 
 from lowsnr_sensor.config import check_settings
 from lowsnr_sensor.config import setting
+from lowsnr_track.measurements import Measurements
 import numpy as np
 
 # How many frames the clutter density given counts as, where it is estimated.
 _PRIOR_FRAMES = 5
+# Detections, best first, that others may be echoes of.
+_MOST_SOURCES = 256
 # The least number of false detections a frame that an estimate comes to.
 _LEAST_CLUTTER = 0.005
 
@@ -31,8 +34,8 @@ class DetectionModel:
         50, 'frames over which the clutter density is estimated from detections that no track '
         'explains; 0 takes it as given', ge=0, le=1_000_000)
     echo_density: float = setting(
-        0.01, 'further false detections a cell and frame around an object, within as many cells '
-        'as a detection rests on frames', ge=0.0, le=1.0)
+        0.01, 'further false detections a cell and frame next to a better one, within as many '
+        'cells as a detection rests on frames', ge=0.0, le=1.0)
     use_scores: bool = setting(True, 'whether a better score makes a detection count more')
     score_limit: float = setting(
         10.0, 'log odds above which a score counts no more [nat]', gt=0.0, le=36.0)
@@ -47,10 +50,10 @@ class DetectionModel:
 
     @property
     def gate_bound(self) -> float:
-        """Largest squared Mahalanobis distance in the gate, chi-square of two dimensions."""
+        """Largest squared error of a detection in the gate, chi-square of two dimensions."""
         return -2.0 * np.log1p(-self.gate_probability)
 
-    def log_score_ratio(self, score: np.ndarray) -> np.ndarray:
+    def score_ratio(self, score: np.ndarray) -> np.ndarray:
         """
         Return how much likelier each score is of an object than of noise.
 
@@ -65,44 +68,43 @@ class DetectionModel:
         Returns
         -------
         (m,) ndarray
-            Log ratios [nat]; zero where scores are not used.
+            Likelihood ratios; one where scores are not used.
 
         """
         if not self.use_scores:
-            return np.zeros(len(score))
+            return np.ones(len(score))
         with np.errstate(divide='ignore'):
             odds = np.log(score) - np.log1p(-score)
-        return np.clip(odds, 0.0, self.score_limit) - np.log1p(self.score_limit)
+        return np.exp(np.clip(odds, 0.0, self.score_limit)) / (1.0 + self.score_limit)
 
-    def echoes(
-        self, mean: np.ndarray, existence: np.ndarray, position: np.ndarray, reach_m: float,
-    ) -> np.ndarray:
+    def echoes(self, measured: Measurements, reach_m: float) -> np.ndarray:
         """
         Return the density of false detections that objects cause around them.
 
         A path that holds some frames of an object and some of noise may be declared, too, a
-        few cells away from the object.
+        few cells away from the object and with a lower score.  So a detection with a better
+        one near it may be an echo.
 
         Parameters
         ----------
-        mean : (T, 2) ndarray
-            Position of each track [m].
-        existence : (T,) ndarray
-            Probability that it exists.
-        position : (m, 2) ndarray
-            Detections [m].
+        measured
+            Detections (m,).
         reach_m
-            Distance along either axis up to which there are such detections [m].
+            Distance along either axis up to which there are echoes [m].
 
         Returns
         -------
-        (T, m) ndarray
-            Detections a cell and frame at each detection, by each track.
+        (m,) ndarray
+            Density [1/cell] at each detection.
 
         """
-        offset = position - mean[:, None]
-        near = np.all(abs(offset) <= reach_m, axis=-1)
-        return self.echo_density * existence[:, None] * near
+        if not self.use_scores or len(measured) < 2:
+            return np.zeros(len(measured))
+        best = np.argsort(-measured.score, kind='stable')[:_MOST_SOURCES]
+        offset = abs(measured.position[:, None] - measured.position[best])
+        better = measured.score[:, None] < measured.score[best]
+        near = (offset[..., 0] <= reach_m) & (offset[..., 1] <= reach_m)
+        return self.echo_density * (near & better).any(axis=1)
 
     def next_clutter(self, clutter: float, stray: float, cells: int, frames: int) -> float:
         """

@@ -127,13 +127,15 @@ def update(cloud: Cloud, log_likelihood: np.ndarray) -> tuple[Cloud, np.ndarray]
 
 
 def resample(
-    cloud: Cloud, below: float, roughening: float, rng: np.random.Generator,
+    cloud: Cloud, below: float, power: float, roughening: float, rng: np.random.Generator,
 ) -> Cloud:
     """
     Resample the clouds whose effective size has fallen, and roughen what was drawn.
 
-    Copies of one particle are pulled towards the mean and scattered again, both by as much
-    as leaves mean and covariance of the cloud as they were (Liu and West 2001).
+    Particles are drawn by a power of their weights and keep the rest of it as their weight
+    (Liu, Chen and Logvinenko 2001), so that unlikely hypotheses stay represented.  Copies of
+    one particle are pulled towards the mean and scattered again, both by as much as leaves mean
+    and covariance of the cloud as they were (Liu and West 2001).
 
     Parameters
     ----------
@@ -141,6 +143,9 @@ def resample(
         Clouds along one leading axis, (T, N).
     below
         Share of N at or below which the effective size brings on resampling.
+    power
+        Exponent of the weights by which particles are drawn, above 0 to 1; 1 leaves all
+        weights equal.
     roughening
         Width of the scatter in units of ``N^(-1/4)`` standard deviations of the cloud, the rate
         of Gordon, Salmond and Smith (1993) for four dimensions; 0 for none.
@@ -152,16 +157,16 @@ def resample(
     worn = np.flatnonzero(effective_size(cloud.log_weights) <= below * count)
     if worn.size == 0:
         return cloud
-    drawn = systematic_resample(cloud.log_weights[worn], count, rng)
+    drawn = systematic_resample(power * cloud.log_weights[worn], count, rng)
     states, modes, log_weights = cloud.states.copy(), cloud.modes.copy(), cloud.log_weights.copy()
     width = min(roughening * count**-0.25, 1.0)
     mean, cov = cloud.moments
     for t, index in zip(worn, drawn):
         modes[t] = cloud.modes[t].take(index)
         states[t] = cloud.states[t].take(index, axis=0)
+        log_weights[t], _ = normalise((1.0 - power) * cloud.log_weights[t].take(index))
         if width > 0.0:
             _roughen(states[t], mean[t], cov[t], width, rng)
-    log_weights[worn] = -np.log(count)
     return Cloud(states, modes, log_weights)
 
 

@@ -84,6 +84,9 @@ class PdaMmpf:
     resample_below: float = setting(
         0.5, 'share of the particles at or below which the effective number brings on '
         'resampling', gt=0.0, le=1.0)
+    resample_power: float = setting(
+        0.5, 'power of the weights by which particles are drawn; they keep the rest of it',
+        gt=0.0, le=1.0)
     roughening: float = setting(
         1.8, 'scatter of resampled particles, in standard deviations of their cloud over the '
         'fourth root of their number', ge=0.0, le=10.0)
@@ -128,16 +131,19 @@ class PdaMmpf:
         """
         measured, refused = screen(detections, self._extent_m, self.sensor.cell_size_m)
         tracks = self._predict(state, stamp_s, rng)
-        clutter = self._clutter(tracks, measured, state.clutter)
-        tracks, taken = self._update(tracks, measured, clutter[:-1])
-        born, stray = self._bear(measured, taken, clutter[-1], state.next_id, rng)
+        reach = self.frames_per_detection * self.sensor.cell_size_m
+        noise = state.clutter / self.detection.score_ratio(measured.score)
+        clutter = noise + self.detection.echoes(measured, reach)
+        tracks, taken = self._update(tracks, measured, clutter)
+        born, stray = self._bear(measured, taken, clutter, state.next_id, rng)
         tracks = self.life.manage(tracks.join(born) if len(born) else tracks)
         output = TrackerOutput(
             tracks.estimates(tracks.confirmed), tracks.estimates(~tracks.confirmed), refused)
-        cloud = mmpf.resample(tracks.cloud, self.resample_below, self.roughening, rng)
+        cloud = mmpf.resample(
+            tracks.cloud, self.resample_below, self.resample_power, self.roughening, rng)
         density = self.detection.next_clutter(
-            state.clutter, float(np.sum(stray * state.clutter / clutter[-1])),
-            self.rows * self.cols, state.frames)
+            state.clutter, float(np.sum(stray * noise / clutter)), self.rows * self.cols,
+            state.frames)
         return TrackerState(
             stamp_s, state.frames + 1, state.next_id + len(born), density,
             replace(tracks, cloud=cloud)), output
@@ -166,44 +172,29 @@ class PdaMmpf:
         inside = (x >= -half) & (x < cols) & (y >= -half) & (y < rows)
         return np.where(inside, 0.0, -np.inf)
 
-    def _clutter(self, tracks: Tracks, measured: Measurements, density: float) -> np.ndarray:
-        """
-        Return the density of false detections at each detection, (T + 1, m) [1/cell].
-
-        A row for each track, whose own echoes are not among them, and one for a new object.
-        """
-        clutter = np.full((len(tracks) + 1, len(measured)), density)
-        if self.frames_per_detection > 1 and len(tracks) > 0:
-            echoes = self.detection.echoes(
-                tracks.cloud.position_moments[0], tracks.existence, measured.position,
-                self.frames_per_detection * self.sensor.cell_size_m)
-            clutter += echoes.sum(axis=0)
-            clutter[:-1] -= echoes
-        return np.maximum(clutter, density)
-
     def _update(
         self, tracks: Tracks, measured: Measurements, clutter: np.ndarray,
     ) -> tuple[Tracks, np.ndarray]:
         """
         Weigh the tracks by the detections.
 
-        Returns the tracks and, for each detection, the probability that it is of one of them.
+        ``clutter`` (m,) is the density of false detections [1/cell] at each detection, over
+        that of its score for an object.  Returns the tracks and, for each detection, the
+        probability that it is of one of them.
         """
         if len(tracks) == 0:
             return tracks, np.zeros(len(measured))
         model, existence = self.detection, tracks.existence
-        index = association.gate(
-            *tracks.cloud.position_moments, measured, model.gate_bound, model.max_gated)
-        factor = model.log_score_ratio(measured.score) + np.log(
-            model.in_gate_probability * self.sensor.cell_size_m**2 / clutter)
+        index = association.gate(tracks.cloud, measured, model.gate_bound, model.max_gated)
+        factor = np.log(model.in_gate_probability * self.sensor.cell_size_m**2 / clutter)
         ratio = association.log_densities(tracks.cloud, measured, index)
-        ratio += np.take_along_axis(factor, index, axis=1)[..., None]
+        ratio += factor[index][..., None]
         log_likelihood, beta = association.weigh(
             tracks.cloud, existence, model.in_gate_probability, ratio, index)
         cloud, log_gain = mmpf.update(tracks.cloud, log_likelihood)
-        # Note: the positions of successive detections err independently, also where the
-        # detections share measurements; that there is a detection is what they repeat.
-        gain = np.exp(log_gain / np.sqrt(self.frames_per_detection))
+        # Note: where detections share measurements, what one repeats of the last is that there
+        # is an object; their positions err independently, and silence repeats nothing.
+        gain = np.exp(log_gain / np.where(log_gain > 0.0, self.frames_per_detection**0.5, 1.0))
         existence = np.minimum(existence * gain / (1.0 + existence * (gain - 1.0)), _CERTAIN)
         found = index >= 0
         taken = np.bincount(index[found], beta[found], minlength=len(measured))
@@ -218,8 +209,7 @@ class PdaMmpf:
 
         Returns the tracks and, for each detection, the probability that it is false.
         """
-        odds = np.exp(self.detection.log_score_ratio(measured.score)) * (
-            self.detection.probability * self.life.birth_density / clutter)
+        odds = self.detection.probability * self.life.birth_density / clutter
         stray = np.maximum(1.0 - taken, 0.0) / (1.0 + odds)
         existence = stray * odds
         chosen = np.argsort(-existence, kind='stable')[:self.life.max_tracks]

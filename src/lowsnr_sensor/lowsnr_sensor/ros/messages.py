@@ -23,6 +23,9 @@ ENCODING = '32FC1'
 CLASS_ID = 'object'
 # Places of x and y in the row-major 6 x 6 covariance of a pose or twist.
 _XY = np.ix_([0, 1], [0, 1])
+# What an entry without a result is taken to say: nothing.
+_NO_RESULT = ObjectHypothesisWithPose()
+_NO_RESULT.pose.covariance = np.full(36, np.nan)
 
 
 def stamp_from_seconds(seconds: float) -> Time:
@@ -104,19 +107,17 @@ def array_to_estimates(message: Detection2DArray, cell_size_m: float) -> list[Es
 
     An entry without a result gets score 0 and an unknown covariance (NaN).
     """
-    return [_from_detection(item, cell_size_m) for item in message.detections]
-
-
-def _from_detection(item: Detection2D, cell_size_m: float) -> Estimate:
-    state, cov, score = np.full(4, np.nan), np.full((4, 4), np.nan), 0.0
-    centre = item.bbox.center.position
-    state[POS] = np.array([centre.x, centre.y]) * cell_size_m
-    if item.results:
-        best = item.results[0]
-        score = best.hypothesis.score
-        block = np.reshape(best.pose.covariance, (6, 6))[_XY]
-        cov[np.ix_(POS, POS)] = block * cell_size_m**2
-    return Estimate(state, cov, score, item.id)
+    count = len(message.detections)
+    states, covs = np.full((count, 4), np.nan), np.full((count, 4, 4), np.nan)
+    centres = [item.bbox.center.position for item in message.detections]
+    states[:, POS] = np.reshape([(c.x, c.y) for c in centres], (count, 2)) * cell_size_m
+    best = [item.results[0] if item.results else _NO_RESULT for item in message.detections]
+    stated = [[result.pose.covariance[n] for n in (0, 1, 6, 7)] for result in best]
+    rows, cols = np.ix_(POS, POS)
+    covs[:, rows, cols] = np.reshape(stated, (count, 2, 2)) * cell_size_m**2
+    return [
+        Estimate(state, cov, result.hypothesis.score, item.id)
+        for state, cov, result, item in zip(states, covs, best, message.detections)]
 
 
 def estimate_to_odometry(item: Estimate, header: Header) -> Odometry:
