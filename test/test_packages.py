@@ -15,7 +15,9 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = sorted(path.parent.name for path in (ROOT / 'src').glob('*/package.xml'))
 # The rosdep key of an imported module, where it is not the module's own name.
-KEYS = {name: f'python3-{name}' for name in ('matplotlib', 'numpy', 'scipy', 'tqdm', 'yaml')}
+KEYS = {name: f'python3-{name}' for name in (
+    'dask', 'distributed', 'matplotlib', 'numba', 'numpy', 'scipy', 'tqdm', 'yaml')} | {
+    'cv2': 'python3-opencv'}
 
 
 def manifest(package: str) -> ElementTree.Element:

@@ -16,7 +16,8 @@ import lowsnr_sensor
 import numpy as np
 
 # Modules of the sensor package that take part in what a detector says of an empty frame.
-_KERNEL = ('measurement', 'likelihood', 'motion', 'particles', 'streams')
+_KERNEL = (
+    'destination', 'kernels', 'likelihood', 'measurement', 'motion', 'particles', 'streams')
 
 
 def default_folder() -> Path:

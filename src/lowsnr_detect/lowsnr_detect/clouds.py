@@ -20,7 +20,8 @@ class ConstantVelocity(MotionModes):
     """Motion with constant velocity as its only mode, unless others are named."""
 
     turn_rates_deg_s: tuple[float, ...] = setting(
-        (0.0,), 'turn rate of each mode, 0 for constant velocity [deg/s]', ge=-360.0, le=360.0)
+        (0.0,), 'turn rate of each mode, 0 for constant velocity [deg/s]', ge=-36_000.0,
+        le=36_000.0)
 
 
 def log_birth_proposal(ratio: np.ndarray) -> np.ndarray:

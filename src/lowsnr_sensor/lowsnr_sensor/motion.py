@@ -13,6 +13,8 @@ from dataclasses import dataclass
 
 from lowsnr_sensor.config import check_settings
 from lowsnr_sensor.config import setting
+from lowsnr_sensor.kernels import moved
+from lowsnr_sensor.kernels import switched
 import numpy as np
 
 POS = [0, 2]
@@ -90,7 +92,7 @@ class MotionModes:
 
     turn_rates_deg_s: tuple[float, ...] = setting(
         (0.0, 20.0, -20.0), 'turn rate of each mode, 0 for constant velocity [deg/s]',
-        ge=-360.0, le=360.0)
+        ge=-36_000.0, le=36_000.0)
     mode_sojourn_s: float = setting(
         10.0, 'mean time in a mode before it switches to another [s]', gt=0.0)
     acceleration_density: float = setting(
@@ -161,8 +163,8 @@ class MotionModes:
         if self.count == 1:
             return modes
         cumulative = np.cumsum(self.mode_transition(dt), axis=1)[:, :-1]
-        draw = rng.random(modes.shape)
-        return np.sum(draw[..., None] >= cumulative[modes], axis=-1)
+        draw = rng.random(modes.shape).ravel()
+        return switched(modes.ravel(), draw, cumulative).reshape(modes.shape)
 
     def move(
         self, states: np.ndarray, modes: np.ndarray, dt: float, rng: np.random.Generator,
@@ -187,13 +189,12 @@ class MotionModes:
             States after the step.
 
         """
-        matrices = self.transition_matrices(dt)
-        if self.count == 1:
-            moved = states @ matrices[0].T
-        else:
-            moved = np.einsum('...ij,...j->...i', matrices[modes], states)
+        after = rng.standard_normal(states.shape)
         factor = process_noise_sqrt(dt, self.acceleration_density)
-        return moved + rng.standard_normal(states.shape) @ factor.T
+        moved(
+            np.ascontiguousarray(states).reshape(-1, 4), modes.ravel(),
+            self.transition_matrices(dt), factor, after.reshape(-1, 4))
+        return after
 
     def draw_velocity(self, shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
         """

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+
+from lowsnr_sensor.kernels import combed
 import numpy as np
 
 
@@ -76,16 +79,38 @@ def systematic_resample(
         Indices in ascending order.
 
     """
-    weights = np.exp(normalise(log_weights)[0])
-    edges = np.cumsum(weights, axis=-1)
-    edges /= edges[..., -1:]
-    batch = edges.shape[:-1]
-    teeth = (np.arange(count) + rng.random((*batch, 1))) / count
-    flat = [np.searchsorted(e, t, side='right') for e, t in
-            zip(edges.reshape(-1, edges.shape[-1]), teeth.reshape(-1, count))]
-    # A tooth that rounding puts at 1.0 belongs to the last particle with weight.
-    last = edges.shape[-1] - 1 - np.argmax(weights[..., ::-1] > 0.0, axis=-1)
-    return np.minimum(np.reshape(flat, (*batch, count)), last[..., None])
+    batch, size = log_weights.shape[:-1], log_weights.shape[-1]
+    peak = np.max(log_weights, axis=-1, keepdims=True)
+    weights = np.exp(log_weights - np.where(np.isfinite(peak), peak, 0.0))
+    draw = rng.random((*batch, 1))
+    return combed(
+        np.ascontiguousarray(weights).reshape(-1, size), draw.ravel(), count,
+    ).reshape(*batch, count)
+
+
+def pick(values: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+    """
+    Return what the chosen particles have.
+
+    Parameters
+    ----------
+    values : (..., N) or (..., N, D) ndarray
+        Modes, weights or states.
+    chosen : (..., n) ndarray of int
+        Which of each cloud.
+
+    Returns
+    -------
+    (..., n) or (..., n, D) ndarray
+        Those, in the order of ``chosen``.
+
+    """
+    batch, size = chosen.shape[:-1], values.shape[chosen.ndim - 1]
+    rest = values.shape[chosen.ndim:]
+    if batch:
+        first = size * np.arange(math.prod(batch)).reshape(*batch, 1)
+        chosen = chosen + first
+    return values.reshape(-1, *rest).take(chosen, axis=0)
 
 
 def weighted_moments(
@@ -110,6 +135,6 @@ def weighted_moments(
 
     """
     weights = np.exp(log_weights)
-    mean = np.einsum('...n,...ni->...i', weights, states)
+    mean = (weights[..., None, :] @ states)[..., 0, :]
     offset = states - mean[..., None, :]
-    return mean, np.einsum('...n,...ni,...nj->...ij', weights, offset, offset, optimize=True)
+    return mean, np.swapaxes(offset, -1, -2) @ (weights[..., None] * offset)
