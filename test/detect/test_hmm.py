@@ -4,8 +4,11 @@ from dataclasses import replace
 
 from detect import oracles
 from lowsnr_detect.detectors.hmm import HMM
+from lowsnr_detect.directed import favoured_cells
+from lowsnr_detect.directed import favoured_moves
 from lowsnr_detect.existence import Existence
 from lowsnr_detect.moves import move_model
+from lowsnr_sensor.destination import Destination
 from lowsnr_sensor.measurement import SensorModel
 from lowsnr_sensor.motion import MotionModes
 import numpy as np
@@ -117,3 +120,86 @@ def test_extreme_snr_leaves_numbers(rng, snr_db):
     detector = HMM(sensor=replace(SENSOR, snr_db=snr_db), lag=2)
     answers = run(detector, rng.standard_normal((6, 7, 5)))
     assert all(np.isfinite(declared.peak) for declared in answers[2:])
+
+
+def hidden_states(detector, shape):
+    """Return all (dropped, kept, row, col); to be absent is one more state, the last."""
+    model = move_model(detector.motion, SENSOR, detector.order)
+    return list(np.ndindex(*model.history.shape, *shape))
+
+
+def appearing(detector, shape, number):
+    """Return the probability to appear so, by hidden state."""
+    model = move_model(detector.motion, SENSOR, detector.order)
+    prob = np.broadcast_to(model.history[..., None, None], (*model.history.shape, *shape))
+    if detector.destination.is_ahead(number):
+        prob = prob * favoured_cells(
+            detector.destination, detector.motion, SENSOR, detector.order, number, shape)
+    return prob.ravel() / np.prod(shape)
+
+
+def transition(detector, shape, number):
+    """Return the matrix of all hidden states before and in a frame."""
+    states, order, chain = hidden_states(detector, shape), detector.order, detector.existence
+    model = move_model(detector.motion, SENSOR, order)
+    matrix = np.zeros((len(states) + 1, len(states) + 1))
+    for n, (dropped, kept, row, col) in enumerate(states):
+        prob = model.kernel[kept, :, dropped]
+        if detector.destination.is_ahead(number):
+            favour, mean = favoured_moves(
+                detector.destination, detector.motion, SENSOR, order, number, shape)
+            prob = prob * favour[kept, :, row, col] / mean[dropped, kept, row, col]
+        for m, (down, across) in enumerate(model.moves):
+            history = ((0, 0), (m, 0), (kept, m))[order]
+            if (after := (*history, row + down, col + across)) in states:
+                matrix[n, states.index(after)] += (1.0 - chain.death_prob) * prob[m]
+    matrix[-1, :-1] = chain.birth_prob * appearing(detector, shape, number)
+    matrix[:-1, -1] = 1.0 - matrix[:-1].sum(axis=1)
+    matrix[-1, -1] = 1.0 - chain.birth_prob
+    return matrix
+
+
+def by_matrices(detector, frames):
+    """Return log odds and mean position, summed over every sequence of hidden states."""
+    shape, start = frames.shape[1:], detector.existence.initial_prob
+    ratio = SENSOR.log_likelihood_ratio(frames)
+    cells = np.array(hidden_states(detector, shape))[:, 2:]
+    weight = np.append(start * appearing(detector, shape, 1), 1.0 - start)
+    for number, plane in enumerate(ratio, start=1):
+        if number > 1:
+            weight = weight @ transition(detector, shape, number)
+        weight[:-1] *= np.exp(plane[tuple(cells.T)])
+    present = weight[:-1].sum()
+    return np.log(present / weight[-1]), weight[:-1] @ cells[:, ::-1] / present
+
+
+@pytest.mark.parametrize(('order', 'shape', 'count', 'arrival'), [
+    (0, (4, 3), 5, 5), (0, (2, 3), 5, 3), (1, (3, 4), 4, 4), (1, (4, 3), 4, 2),
+    (2, (2, 3), 3, 3)])
+def test_with_a_destination_it_is_the_sum_over_all_sequences(rng, order, shape, count, arrival):
+    to = Destination(probability=0.8, x_m=2.0, y_m=0.5, std_m=0.7, arrival_frame=arrival)
+    detector = HMM(sensor=SENSOR, existence=EXISTENCE, order=order, threshold=ALWAYS,
+                   destination=to)
+    frames = rng.standard_normal((count, *shape))
+    answers = run(detector, frames)
+    for k in range(1, count + 1):
+        log_odds, position = by_matrices(detector, frames[:k])
+        assert answers[k - 1].peak == pytest.approx(log_odds, abs=1e-10)
+        assert answers[k - 1].state[0, [0, 2]] == pytest.approx(position, abs=1e-10)
+
+
+@pytest.mark.parametrize('order', [0, 1, 2])
+def test_runs_of_a_batch_share_the_destination(rng, order):
+    to = Destination(probability=0.8, x_m=2.0, y_m=0.5, arrival_frame=3)
+    detector = HMM(sensor=SENSOR, order=order, threshold=ALWAYS, destination=to)
+    frames = rng.standard_normal((4, 2, 3, *SHAPE))
+    batch = run(detector, frames)
+    for index in np.ndindex(2, 3):
+        for one, other in zip(run(detector, frames[(slice(None), *index)]), batch, strict=True):
+            assert one.peak == pytest.approx(other.peak[index], rel=1e-9)
+            assert one.state == pytest.approx(other.state[index], rel=1e-9, abs=1e-9)
+
+
+def test_destination_is_not_for_late_answers():
+    with pytest.raises(ValueError, match='HMM.lag = 2, must be 0 where destination.probability'):
+        HMM(lag=2, destination=Destination(probability=0.5))

@@ -1,9 +1,13 @@
 """Moves on the grid follow from the motion modes."""
 
+from lowsnr_detect.directed import favoured_cells
+from lowsnr_detect.directed import favoured_moves
 from lowsnr_detect.moves import best_vicinity
 from lowsnr_detect.moves import move_model
 from lowsnr_detect.moves import shifted
 from lowsnr_detect.sequential import vicinity_max
+from lowsnr_sensor.destination import Destination
+from lowsnr_sensor.destination import favour_of_states
 from lowsnr_sensor.measurement import SensorModel
 from lowsnr_sensor.motion import MotionModes
 import numpy as np
@@ -11,6 +15,8 @@ import pytest
 
 # 400 000 sampled moves: four standard errors of a probability.
 ERROR = 4 * 0.5 / np.sqrt(400_000)
+SHAPE = (12, 9)
+TO = Destination(probability=0.9, x_m=6.0, y_m=8.0, std_m=0.8, arrival_frame=10)
 
 
 def straight(speed):
@@ -75,3 +81,66 @@ def test_best_vicinity_without_a_bonus_is_the_plain_maximum(rng):
     plane = rng.standard_normal((3, 6, 4))
     moves = np.stack(np.divmod(np.arange(25), 5), axis=-1) - 2
     assert np.array_equal(best_vicinity(plane, moves, np.zeros(25)), vicinity_max(plane, 2))
+
+
+def test_best_vicinity_takes_a_bonus_of_the_cell_that_is_left(rng):
+    plane, bonus = rng.standard_normal((2, 6, 4)), rng.standard_normal((9, 6, 4))
+    moves = np.stack(np.divmod(np.arange(9), 3), axis=-1) - 1
+    expected = np.max([
+        shifted(plane + own, move, -np.inf) for move, own in zip(moves, bonus)], axis=0)
+    assert np.array_equal(best_vicinity(plane, moves, bonus), expected)
+
+
+def simulated(cell, frame, sensor, motion, rng):
+    """Return states in a cell before, and after the move into a frame, of the base motion."""
+    states = np.empty((200_000, 4))
+    size = sensor.cell_size_m
+    states[:, [0, 2]] = size * (cell[::-1] + rng.uniform(-0.5, 0.5, (len(states), 2)))
+    states[:, [1, 3]] = motion.draw_velocity((len(states),), rng)
+    modes = motion.switch(
+        rng.integers(motion.count, size=len(states)), sensor.frame_period_s, rng)
+    return states, motion.move(states, modes, sensor.frame_period_s, rng)
+
+
+@pytest.mark.parametrize(('cell', 'frame'), [
+    ((3, 2), 2), ((6, 4), 2), ((6, 4), 6), ((5, 7), 2), ((5, 7), 6), ((9, 6), 2), ((9, 6), 6),
+    ((9, 6), 10)])
+def test_moves_to_a_destination_are_those_of_the_bridge(rng, cell, frame):
+    # The grid knows velocities by mean and variance only, so that in cells where objects on
+    # their way are up to 0.06 of the probability is with other moves; without the destination
+    # it is 0.18 to 0.35.
+    sensor, motion = SensorModel(cell_size_m=2.0, frame_period_s=2.0), MotionModes()
+    to = Destination(probability=0.9, x_m=12.0, y_m=16.0, std_m=1.6, arrival_frame=10)
+    _, moved = simulated(np.array(cell), frame, sensor, motion, rng)
+    weight = favour_of_states(to, moved, frame, 2.0, 4.0 * 12 * 9)
+    steps = sensor.cells(moved) - cell
+    model = move_model(motion, sensor, 0)
+    expected = np.array([
+        weight @ np.all(steps == move, axis=1) for move in model.moves]) / weight.sum()
+    favour, total = favoured_moves(to, motion, sensor, 0, frame, SHAPE)
+    found = (model.kernel[0, :, 0, None, None] * favour[0] / total[0, 0])[:, *cell]
+    assert abs(found - expected).sum() / 2.0 < 0.07
+    assert abs(model.kernel[0, :, 0] - expected).sum() / 2.0 > 0.15
+
+
+@pytest.mark.parametrize('frame', [1, 6, 10])
+def test_cells_are_favoured_as_the_objects_in_them(rng, frame):
+    sensor, motion = SensorModel(), MotionModes(acceleration_density=0.01)
+    found = favoured_cells(TO, motion, sensor, 0, frame, SHAPE)[0, 0]
+    for cell in ((7, 5), (8, 6), (3, 2), (0, 8)):
+        states, _ = simulated(np.array(cell), frame, sensor, motion, rng)
+        expected = favour_of_states(TO, states, frame, 1.0, 108.0).mean()
+        assert found[cell] == pytest.approx(expected, rel=0.35)
+
+
+@pytest.mark.parametrize('order', [0, 1, 2])
+def test_moves_to_a_destination_sum_to_one(order):
+    model = move_model(MotionModes(), SensorModel(), order)
+    favour, total = favoured_moves(TO, MotionModes(), SensorModel(), order, 4, SHAPE)
+    prob = (model.kernel[..., None, None] * favour[:, :, None]
+            / total.swapaxes(0, 1)[:, None])
+    assert prob.sum(axis=1) == pytest.approx(1.0)
+    vague = Destination(probability=0.9, std_m=1e6)
+    favour, total = favoured_moves(vague, MotionModes(), SensorModel(), order, 4, SHAPE)
+    assert favour == pytest.approx(0.1)
+    assert total == pytest.approx(0.1)

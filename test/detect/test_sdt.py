@@ -1,13 +1,17 @@
 """SDT decides as the enumeration of every path does, and as CDT where it has one frame."""
 
 from dataclasses import replace
+import itertools
 import math
 
 from detect.oracles import PathTest
 from lowsnr_detect.detectors.cdt import CDT
 from lowsnr_detect.detectors.sdt import SDT
+from lowsnr_detect.directed import favoured_cells
+from lowsnr_detect.directed import favoured_moves
 from lowsnr_detect.moves import move_model
 from lowsnr_detect.sequential import wald_bounds
+from lowsnr_sensor.destination import Destination
 from lowsnr_sensor.measurement import SensorModel
 import numpy as np
 import pytest
@@ -78,7 +82,8 @@ def test_one_frame_is_cdt(rng, blur):
 
 
 @pytest.mark.parametrize('settings', [
-    {}, {'restart': 'unused'}, {'radius': 2}, {'move_prior': True}, {'max_iterations': 1}])
+    {}, {'restart': 'unused'}, {'radius': 2}, {'move_prior': True}, {'max_iterations': 1},
+    {'move_prior': True, 'destination': Destination(probability=0.9, x_m=9.0, arrival_frame=9)}])
 @pytest.mark.parametrize('regions', [2, 3, 64])
 def test_regions_in_parallel_give_the_same_bits(rng, settings, regions):
     frames = 1.2 * rng.standard_normal((2, 12, 23, 17))
@@ -112,3 +117,39 @@ def test_nominal_bounds_are_walds():
     nominal = SDT(alpha=0.02, beta=0.1, threshold=9.0).nominal()
     assert nominal.threshold == 0.0
     assert nominal.upper_threshold == pytest.approx(math.log(0.9 / 0.02))
+
+
+@pytest.mark.parametrize('arrival', [3, 5, 20])
+def test_with_a_destination_the_best_of_all_paths_counts(rng, arrival):
+    # No path is dropped or closed: the bounds are out of reach.
+    to = Destination(probability=0.9, x_m=2.0, y_m=3.0, std_m=0.8, arrival_frame=arrival)
+    detector = SDT(sensor=SENSOR, max_iterations=3, move_prior=True, destination=to,
+                   threshold=1e6, beta=1e-200)
+    frames = 2.0 * rng.standard_normal((FRAMES, *SHAPE))
+    ratio = SENSOR.log_likelihood_ratio(frames)
+    model = move_model(detector.motion, SENSOR, 0)
+    known = to, detector.motion, SENSOR, 0
+    answers = declare_all(detector, frames)
+    for last in range(2, FRAMES):
+        best = -math.inf
+        for start, *moves in itertools.product(np.ndindex(*SHAPE), range(9), range(9)):
+            cell, total = np.array(start), ratio[last - 2][start]
+            if to.is_ahead(last - 1):
+                total += math.log(favoured_cells(*known, last - 1, SHAPE)[0, 0][start])
+            for number, move in zip((last, last + 1), moves):
+                prob = model.kernel[0, move, 0]
+                if to.is_ahead(number):
+                    favour, mean = favoured_moves(*known, number, SHAPE)
+                    prob *= favour[0, move, *cell] / mean[0, 0, *cell]
+                cell = cell + model.moves[move]
+                if not np.all((cell >= 0) & (cell < SHAPE)):
+                    break
+                total += math.log(prob) + ratio[number - 1, *cell]
+            else:
+                best = max(best, total)
+        assert answers[last].peak == pytest.approx(best, abs=1e-9)
+
+
+def test_destination_needs_the_move_prior():
+    with pytest.raises(ValueError, match='SDT.move_prior = False, must be true'):
+        SDT(destination=Destination(probability=0.5))

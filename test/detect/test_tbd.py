@@ -11,6 +11,8 @@ from lowsnr_detect.detectors.tbd1 import TBD1
 from lowsnr_detect.detectors.tbd2 import MMTBD2
 from lowsnr_detect.detectors.tbd2 import TBD2
 from lowsnr_detect.existence import Existence
+from lowsnr_sensor.destination import Destination
+from lowsnr_sensor.destination import favour_of_states
 from lowsnr_sensor.measurement import SensorModel
 from lowsnr_sensor.motion import MotionModes
 import numpy as np
@@ -150,3 +152,50 @@ def test_births_are_within_their_cell_and_speed_limits(rng):
     speed = np.hypot(states[..., 1], states[..., 3])
     assert np.all((speed >= 0.3) & (speed <= motion.max_speed_mps))
     assert set(modes.ravel()) == {0, 1, 2}
+
+
+def brute_force(frames, motion, to, rng):
+    """
+    Return odds and mean position of an object that in 99 of 100 cases is there from the start.
+
+    A million objects of the base motion, weighted by h where they are, or where they left.
+    """
+    count = 1_000_000
+    rows, cols = frames.shape[1:]
+    cells = rng.integers(rows * cols, size=count)
+    states, modes = draw_births(cells, cols, SENSOR, motion, rng)
+    sums, inside, gone = np.zeros(count), np.ones(count, bool), np.zeros(count)
+    for number, ratio in enumerate(SENSOR.log_likelihood_ratio(frames), start=1):
+        if number > 1:
+            modes = motion.switch(modes, 1.0, rng)
+            states = motion.move(states, modes, 1.0, rng)
+        if to.is_ahead(number):
+            favour = favour_of_states(to, states, number, 1.0, float(rows * cols))
+        row, col = SENSOR.cells(states).T
+        here = (row >= 0) & (row < rows) & (col >= 0) & (col < cols)
+        gone += np.where(inside & ~here, np.exp(sums) * favour, 0.0)
+        inside &= here
+        sums += ratio[row.clip(0, rows - 1), col.clip(0, cols - 1)]
+    weight = np.where(inside, np.exp(sums) * favour, 0.0)
+    return (np.log(0.99 * weight.mean() / (0.01 + 0.99 * gone.mean())),
+            weight @ states[:, [0, 2]] / weight.sum())
+
+
+@pytest.mark.parametrize(('cls', 'arrival', 'stray'), [
+    (TBD2, 4, 0.05), (MMTBD2, 4, 0.05), (MMTBD2, 3, 0.05), (TBD2, 6, 10.0)])
+def test_with_a_destination_it_converges_to_weighted_base_motion(rng, cls, arrival, stray):
+    to = Destination(probability=0.8, x_m=4.0, y_m=1.0, std_m=0.6, arrival_frame=arrival,
+                     acceleration_density=stray)
+    motion = MotionModes(acceleration_density=0.05, mode_sojourn_s=3.0, min_speed_mps=0.3)
+    motion = motion if cls is MMTBD2 else motion.single()
+    runs, frames = 100, rng.standard_normal((4, 5, 6)) + 0.4
+    detector = cls(
+        sensor=SENSOR, motion=motion, destination=to, particles=6000, birth_particles=6000,
+        existence=Existence(birth_prob=1e-9, death_prob=1e-9, initial_prob=0.99),
+        threshold=ALWAYS)
+    log_odds, position = brute_force(frames, motion, to, rng)
+    last = run(detector, np.broadcast_to(frames[:, None], (4, runs, 5, 6)), rng)[0][-1]
+    # The error of the oracle, of a million weighted objects, is below 0.01.
+    assert abs(last.peak.mean() - log_odds) < 4 * last.peak.std() / np.sqrt(runs) + 0.01
+    spread = 4 * np.std(last.state[:, 0, [0, 2]], axis=0) / np.sqrt(runs) + 0.01
+    assert np.all(abs(last.state[:, 0, [0, 2]].mean(axis=0) - position) < spread)

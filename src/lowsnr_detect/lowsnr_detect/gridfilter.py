@@ -15,7 +15,9 @@ import numpy as np
 _ORDER = [0, 2, 1, 3]
 
 
-def move_belief(model: MoveModel, belief: np.ndarray) -> np.ndarray:
+def move_belief(
+    model: MoveModel, belief: np.ndarray, favour: np.ndarray | None = None,
+) -> np.ndarray:
     """
     Move a belief on by one frame.
 
@@ -25,6 +27,8 @@ def move_belief(model: MoveModel, belief: np.ndarray) -> np.ndarray:
         Probabilities of the moves.
     belief : (dropped, kept, ..., rows, cols) ndarray
         Probability of each history and cell.
+    favour : (kept, n, rows, cols) ndarray, optional
+        Factor of every move by the cell that it starts in.
 
     Returns
     -------
@@ -35,6 +39,8 @@ def move_belief(model: MoveModel, belief: np.ndarray) -> np.ndarray:
     dropped, kept, *rest = belief.shape
     flat = belief.reshape(dropped, kept, -1).swapaxes(0, 1)
     spread = (model.kernel @ flat).reshape(kept, -1, *rest)
+    if favour is not None:
+        spread *= over_runs(favour, len(rest) - 2)
     for number, move in enumerate(model.moves):
         spread[:, number] = shifted(spread[:, number], move, 0.0)
     return _as_history(spread, model.history.shape)
@@ -74,6 +80,11 @@ def born_belief(model: MoveModel, shape: tuple[int, ...]) -> np.ndarray:
     rows, cols = shape[-2:]
     share = model.history / (rows * cols)
     return share.reshape(*share.shape, *[1] * len(shape))
+
+
+def over_runs(planes: np.ndarray, axes: int) -> np.ndarray:
+    """Give (a, b, rows, cols) so many axes of runs before the rows."""
+    return planes.reshape(*planes.shape[:2], *[1] * axes, *planes.shape[2:])
 
 
 def total(belief: np.ndarray) -> np.ndarray:

@@ -119,8 +119,8 @@ def best_vicinity(plane: np.ndarray, moves: np.ndarray, log_prob: np.ndarray) ->
         Values before the move; outside the frame counts as -inf.
     moves : (n, 2) ndarray of int
         Rows and columns of each move.
-    log_prob : (n,) ndarray
-        Log probability that is added with the move [nat].
+    log_prob : (n,) or (n, rows, cols) ndarray
+        Log probability that is added with the move, by the cell it starts in [nat].
 
     Returns
     -------
@@ -132,7 +132,8 @@ def best_vicinity(plane: np.ndarray, moves: np.ndarray, log_prob: np.ndarray) ->
     for move, bonus in zip(moves, log_prob):
         (rows, rows_from), (cols, cols_from) = (_slices(int(step)) for step in move)
         target = best[..., rows, cols]
-        np.maximum(target, plane[..., rows_from, cols_from] + bonus, out=target)
+        own = bonus[rows_from, cols_from] if bonus.ndim else bonus
+        np.maximum(target, plane[..., rows_from, cols_from] + own, out=target)
     return best
 
 

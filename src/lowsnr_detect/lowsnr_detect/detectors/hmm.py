@@ -15,18 +15,22 @@ from dataclasses import replace
 from typing import ClassVar
 
 from lowsnr_detect.detector import Declarations
+from lowsnr_detect.directed import favoured_cells
+from lowsnr_detect.directed import favoured_moves
 from lowsnr_detect.existence import declare_posterior
 from lowsnr_detect.existence import Existence
 from lowsnr_detect.gridfilter import born_belief
 from lowsnr_detect.gridfilter import cell_moments
 from lowsnr_detect.gridfilter import expect_belief
 from lowsnr_detect.gridfilter import move_belief
+from lowsnr_detect.gridfilter import over_runs
 from lowsnr_detect.gridfilter import total
 from lowsnr_detect.moves import move_model
 from lowsnr_detect.moves import MoveModel
 from lowsnr_detect.registry import register
 from lowsnr_sensor.config import check_settings
 from lowsnr_sensor.config import setting
+from lowsnr_sensor.destination import Destination
 from lowsnr_sensor.measurement import SensorModel
 from lowsnr_sensor.motion import MotionModes
 import numpy as np
@@ -48,12 +52,15 @@ class Belief:
         Log odds of existence [nat].
     ratio : (..., rows, cols) ndarray
         Log-likelihood ratio of the frame [nat].
+    frame
+        Number of the frame, from 1.
 
     """
 
     given: np.ndarray
     log_odds: np.ndarray
     ratio: np.ndarray
+    frame: int
 
 
 @register('hmm')
@@ -69,6 +76,7 @@ class HMM:
     sensor: SensorModel = field(default_factory=SensorModel)
     motion: MotionModes = field(default_factory=MotionModes)
     existence: Existence = field(default_factory=Existence)
+    destination: Destination = field(default_factory=Destination)
     order: int = setting(2, 'last moves that the next one depends on', ge=0, le=2)
     lag: int = setting(
         0, 'frames that an answer waits for; it is then about the frame so long ago', ge=0, le=20)
@@ -77,6 +85,9 @@ class HMM:
 
     def __post_init__(self) -> None:
         check_settings(self)
+        if self.lag and self.destination.probability:
+            raise ValueError(
+                f'HMM.lag = {self.lag}, must be 0 where destination.probability is above 0')
 
     def nominal(self) -> HMM:
         """Return the detector that declares what is more likely than not."""
@@ -120,15 +131,35 @@ class HMM:
         born, stays, absent = self.existence.predict(last.log_odds if last else None)
         peak = ratio.max(axis=(-2, -1))
         weight = np.exp(ratio - _plane(peak))
-        given = born_belief(model, ratio.shape) * (_plane(born) * weight)
+        number = last.frame + 1 if last else 1
+        given = self._born(model, number, ratio.shape) * (_plane(born) * weight)
         if last is not None:
-            moved = move_belief(model, last.given)
+            moved = self._moved(model, number, last.given)
             absent = absent + stays * (1.0 - total(moved))
             moved *= _plane(stays) * weight
             given += moved
         mass = total(given)
         given /= _plane(mass)
-        return Belief(given, np.log(mass) + peak - np.log(absent), ratio)
+        return Belief(given, np.log(mass) + peak - np.log(absent), ratio, number)
+
+    def _born(self, model: MoveModel, number: int, shape: tuple[int, ...]) -> np.ndarray:
+        """Return where an object appears in a frame."""
+        born = born_belief(model, shape)
+        if not self.destination.is_ahead(number):
+            return born
+        rows, cols = shape[-2:]
+        return born * over_runs(favoured_cells(
+            self.destination, self.motion, self.sensor, self.order, number, (rows, cols),
+        ), len(shape) - 2)
+
+    def _moved(self, model: MoveModel, number: int, belief: np.ndarray) -> np.ndarray:
+        """Return the belief moved on into a frame."""
+        if not self.destination.is_ahead(number):
+            return move_belief(model, belief)
+        rows, cols = belief.shape[-2:]
+        favour, mean = favoured_moves(
+            self.destination, self.motion, self.sensor, self.order, number, (rows, cols))
+        return move_belief(model, belief / over_runs(mean, belief.ndim - 4), favour)
 
     def _smoothed(
         self, model: MoveModel, state: tuple[Belief, ...],

@@ -16,6 +16,8 @@ import math
 from typing import ClassVar
 
 from lowsnr_detect.detector import Declarations
+from lowsnr_detect.directed import favoured_cells
+from lowsnr_detect.directed import favoured_moves
 from lowsnr_detect.moves import best_vicinity
 from lowsnr_detect.moves import move_model
 from lowsnr_detect.regions import by_regions
@@ -25,9 +27,28 @@ from lowsnr_detect.sequential import wald_bounds
 from lowsnr_detect.thinning import declare_cells
 from lowsnr_sensor.config import check_settings
 from lowsnr_sensor.config import setting
+from lowsnr_sensor.destination import Destination
 from lowsnr_sensor.measurement import SensorModel
 from lowsnr_sensor.motion import MotionModes
 import numpy as np
+
+
+@dataclass(frozen=True)
+class Paths:
+    """
+    The open paths after a frame.
+
+    Parameters
+    ----------
+    log_ratio : (s_m - 1, ..., rows, cols) ndarray
+        ln L_M of the best open path of every cell and depth M < s_m; -inf for none [nat].
+    frame
+        Number of the frame, from 1; 0 before the first.
+
+    """
+
+    log_ratio: np.ndarray
+    frame: int
 
 
 @register('sdt')
@@ -59,6 +80,7 @@ class SDT:
         False, 'whether the log probability of each move is added to the sum of a path; not in '
         'the paper')
     motion: MotionModes = field(default_factory=MotionModes)
+    destination: Destination = field(default_factory=Destination)
     regions: int = setting(
         1, 'sub-regions of the frame that are worked on in parallel; the result is the same',
         ge=1, le=64)
@@ -69,6 +91,9 @@ class SDT:
 
     def __post_init__(self) -> None:
         check_settings(self)
+        if self.destination.probability and not self.move_prior:
+            raise ValueError(
+                'SDT.move_prior = False, must be true where destination.probability is above 0')
 
     def nominal(self) -> SDT:
         """Return Wald's test: th_2 for alpha and beta, truncated at equal likelihood."""
@@ -80,20 +105,20 @@ class SDT:
         """Frames that a declaration rests on."""
         return self.max_iterations
 
-    def init(self, shape: tuple[int, ...]) -> np.ndarray:
-        """Return ln L_M of the open path of every cell and depth M < s_m, none at first."""
-        return np.full((self.max_iterations - 1, *shape), -np.inf)
+    def init(self, shape: tuple[int, ...]) -> Paths:
+        """Return the open paths before the first frame: none."""
+        return Paths(np.full((self.max_iterations - 1, *shape), -np.inf), 0)
 
     def step(
-        self, state: np.ndarray, frame: np.ndarray, rng: np.random.Generator,
-    ) -> tuple[np.ndarray, Declarations]:
+        self, state: Paths, frame: np.ndarray, rng: np.random.Generator,
+    ) -> tuple[Paths, Declarations]:
         """
         Extend every open path, start new ones, and decide.
 
         Parameters
         ----------
-        state : (s_m - 1, ..., rows, cols) ndarray
-            Log-likelihood ratio of the best open path by depth M; -inf for none.
+        state : Paths
+            Memory after the last frame.
         frame : (..., rows, cols) ndarray
             Cell intensities.
         rng
@@ -101,8 +126,10 @@ class SDT:
 
         """
         ratio = self.sensor.log_likelihood_ratio(frame)
-        result = by_regions(self._advanced, (state, ratio), self.regions, self.radius)
-        still_open, decided = result[:-1], result[-1]
+        number = state.frame + 1
+        planes = (state.log_ratio, ratio, *self._log_favour(number, ratio.shape))
+        result = by_regions(self._advanced, planes, self.regions, self.radius)
+        still_open, decided = Paths(result[:-1], number), result[-1]
         excess = np.where(decided > self.threshold, decided - self.threshold, -np.inf)
         declared = declare_cells(
             excess, decided.max(axis=(-2, -1)), reach=self._reach,
@@ -110,13 +137,25 @@ class SDT:
             position_std_m=self._position_std_m)
         return still_open, declared
 
-    def _advanced(self, state: np.ndarray, ratio: np.ndarray) -> np.ndarray:
+    def _log_favour(self, number: int, shape: tuple[int, ...]) -> tuple[np.ndarray, ...]:
+        """Return what starts and moves into a frame add, where there is a destination."""
+        if not self.destination.is_ahead(number):
+            return ()
+        rows, cols = shape[-2:]
+        known = self.destination, self.motion, self.sensor, 0, number, (rows, cols)
+        moves, mean = favoured_moves(*known)
+        return np.log(favoured_cells(*known)[0, 0]), np.log(moves[0] / mean[0, 0])
+
+    def _advanced(
+        self, state: np.ndarray, ratio: np.ndarray, start: np.ndarray | float = 0.0,
+        moves: np.ndarray | None = None,
+    ) -> np.ndarray:
         """Return the open paths by depth and, last, the best of those up for decision."""
         lower = wald_bounds(self.alpha, self.beta)[0]
         depths = self.max_iterations
         paths = np.empty((depths, *ratio.shape))
-        vicinity = self._vicinity(state)
-        paths[0] = ratio
+        vicinity = self._vicinity(state, moves)
+        paths[0] = ratio + start
         if self.restart == 'unused' and depths > 1:
             paths[0][vicinity.max(axis=0) > -np.inf] = -np.inf
         paths[1:] = vicinity + ratio
@@ -128,13 +167,16 @@ class SDT:
         paths[:-1][closed] = -np.inf
         return paths
 
-    def _vicinity(self, state: np.ndarray) -> np.ndarray:
+    def _vicinity(self, state: np.ndarray, moves: np.ndarray | None) -> np.ndarray:
         """Return the best open path that may move into each cell, by depth."""
         if not self.move_prior:
             return vicinity_max(state, self.radius)
         model = move_model(self.motion, self.sensor, 0)
         near = np.all(abs(model.moves) <= self.radius, axis=1)
-        return best_vicinity(state, model.moves[near], np.log(model.kernel.ravel()[near]))
+        log_prob = np.log(model.kernel.ravel()[near])
+        if moves is not None:
+            log_prob = log_prob[:, None, None] + moves[near]
+        return best_vicinity(state, model.moves[near], log_prob)
 
     @property
     def _reach(self) -> int:

@@ -22,6 +22,9 @@ from lowsnr_detect.existence import Existence
 from lowsnr_detect.registry import register
 from lowsnr_sensor.config import check_settings
 from lowsnr_sensor.config import setting
+from lowsnr_sensor.destination import Destination
+from lowsnr_sensor.destination import favour_of_states
+from lowsnr_sensor.destination import move_towards
 from lowsnr_sensor.likelihood import state_log_ratio
 from lowsnr_sensor.measurement import SensorModel
 from lowsnr_sensor.motion import MotionModes
@@ -44,12 +47,15 @@ class Cloud:
         Modes.
     log_odds : (...,) ndarray
         Log odds of existence [nat].
+    frame
+        Number of the frame, from 1.
 
     """
 
     states: np.ndarray
     modes: np.ndarray
     log_odds: np.ndarray
+    frame: int
 
 
 @register('mmtbd2')
@@ -65,6 +71,7 @@ class MMTBD2:
     sensor: SensorModel = field(default_factory=SensorModel)
     motion: MotionModes = field(default_factory=MotionModes)
     existence: Existence = field(default_factory=Existence)
+    destination: Destination = field(default_factory=Destination)
     particles: int = setting(3000, 'particles of the continuing cloud', ge=1, le=10_000_000)
     birth_particles: int = setting(1000, 'particles of the birth cloud', ge=1, le=10_000_000)
     threshold: float = setting(
@@ -98,15 +105,14 @@ class MMTBD2:
 
         """
         born, stays, absent = self.existence.predict(state.log_odds if state else None)
-        states, modes, log_weights = self._births(frame, rng)
+        number = state.frame + 1 if state else 1
+        states, modes, log_weights = self._births(number, frame, rng)
         log_weights = log_weights + np.log(born)[..., None]
         if state:
-            old_modes = self.motion.switch(state.modes, self.sensor.frame_period_s, rng)
-            old_states = self.motion.move(
-                state.states, old_modes, self.sensor.frame_period_s, rng)
+            old_states, old_modes, favour = self._moved(state, frame.shape, rng)
             old = state_log_ratio(self.sensor, frame, old_states)
-            absent = absent + stays * np.mean(old == -np.inf, axis=-1)
-            old += np.log(stays / self.particles)[..., None]
+            absent = absent + stays * np.mean((old == -np.inf) * np.exp(favour), axis=-1)
+            old += np.log(stays / self.particles)[..., None] + favour
             states = np.concatenate([states, old_states], axis=-2)
             modes = np.concatenate([modes, old_modes], axis=-1)
             log_weights = np.concatenate([log_weights, old], axis=-1)
@@ -115,13 +121,26 @@ class MMTBD2:
         chosen = systematic_resample(log_weights, self.particles, rng)
         cloud = Cloud(
             np.take_along_axis(states, chosen[..., None], axis=-2),
-            np.take_along_axis(modes, chosen, axis=-1), log_odds)
+            np.take_along_axis(modes, chosen, axis=-1), log_odds, number)
         return cloud, declare_posterior(
             log_odds, self.threshold,
             lambda found: weighted_moments(states[found], log_weights[found]))
 
+    def _moved(
+        self, state: Cloud, shape: tuple[int, ...], rng: np.random.Generator,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray | float]:
+        """Return states, modes and log weights of the continuing cloud, before the frame."""
+        period, number = self.sensor.frame_period_s, state.frame + 1
+        modes = self.motion.switch(state.modes, period, rng)
+        if not self.destination.is_ahead(number):
+            return self.motion.move(state.states, modes, period, rng), modes, 0.0
+        states, favour = move_towards(
+            self.destination, self.motion, state.states, modes, number, period,
+            _area_m2(self.sensor, shape), rng)
+        return states, modes, favour
+
     def _births(
-        self, frame: np.ndarray, rng: np.random.Generator,
+        self, number: int, frame: np.ndarray, rng: np.random.Generator,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return states, modes and log weights of the birth cloud, before P_b."""
         proposal = log_birth_proposal(self.sensor.log_likelihood_ratio(frame))
@@ -129,7 +148,16 @@ class MMTBD2:
         states, modes = draw_births(cells, frame.shape[-1], self.sensor, self.motion, rng)
         correction = -np.log(proposal.shape[-1] * self.birth_particles) - np.take_along_axis(
             proposal, cells, axis=-1)
+        if self.destination.is_ahead(number):
+            correction += np.log(favour_of_states(
+                self.destination, states, number, self.sensor.frame_period_s,
+                _area_m2(self.sensor, frame.shape)))
         return states, modes, state_log_ratio(self.sensor, frame, states) + correction
+
+
+def _area_m2(sensor: SensorModel, shape: tuple[int, ...]) -> float:
+    """Return the area of a frame (..., rows, cols)."""
+    return shape[-2] * shape[-1] * sensor.cell_size_m**2
 
 
 @register('tbd2')
