@@ -1,11 +1,11 @@
 """Moves on the grid follow from the motion modes."""
 
+from detect.numpy_detectors import vicinity_max
 from lowsnr_detect.directed import favoured_cells
 from lowsnr_detect.directed import favoured_moves
 from lowsnr_detect.moves import best_vicinity
 from lowsnr_detect.moves import move_model
 from lowsnr_detect.moves import shifted
-from lowsnr_detect.sequential import vicinity_max
 from lowsnr_sensor.destination import Destination
 from lowsnr_sensor.destination import favour_of_states
 from lowsnr_sensor.measurement import SensorModel

@@ -147,7 +147,7 @@ def test_with_a_destination_the_best_of_all_paths_counts(rng, arrival):
                 total += math.log(prob) + ratio[number - 1, *cell]
             else:
                 best = max(best, total)
-        assert answers[last].peak == pytest.approx(best, abs=1e-9)
+        assert answers[last].peak == pytest.approx(best, abs=2e-6)  # in float32
 
 
 def test_destination_needs_the_move_prior():

@@ -78,6 +78,6 @@ def _code_digest(cls: type) -> str:
     files |= {path for path in Path(__file__).parent.glob('*.py') if path.stem[-5:] != '_node'}
     files |= {Path(inspect.getfile(base)) for base in cls.__mro__ if base is not object}
     digest = hashlib.sha256()
-    for path in sorted(files, key=lambda path: path.name):
+    for path in sorted(files, key=lambda path: (path.parent.name, path.name)):
         digest.update(path.read_bytes())
     return digest.hexdigest()

@@ -65,7 +65,8 @@ def _windows(
     planes: np.ndarray, run: np.ndarray, row: np.ndarray, col: np.ndarray, reach: int,
 ) -> np.ndarray:
     """Return the values around cells, (cells, (2 reach + 1)^2); -inf outside the frame."""
-    edge = [(0, 0), (reach, reach), (reach, reach)]
-    padded = np.pad(planes, edge, constant_values=-np.inf)
-    rows, cols = _offsets(reach).T + reach
-    return padded[run[:, None], row[:, None] + rows, col[:, None] + cols]
+    rows, cols = _offsets(reach).T
+    rows, cols = row[:, None] + rows, col[:, None] + cols
+    inside = (rows >= 0) & (rows < planes.shape[1]) & (cols >= 0) & (cols < planes.shape[2])
+    found = planes[run[:, None], np.where(inside, rows, 0), np.where(inside, cols, 0)]
+    return np.where(inside, found, -np.inf)

@@ -77,7 +77,8 @@ def draw_births(
 
     """
     states = np.empty((*cells.shape, 4))
-    corner = np.stack(np.divmod(cells, cols)[::-1], axis=-1)
-    states[..., POS] = sensor.cell_size_m * (corner + rng.uniform(-0.5, 0.5, corner.shape))
+    place = rng.uniform(-0.5, 0.5, (*cells.shape, 2))
+    for axis, cell in zip(POS, np.divmod(cells, cols)[::-1]):
+        states[..., axis] = sensor.cell_size_m * (cell + place[..., axis // 2])
     states[..., VEL] = motion.draw_velocity(cells.shape, rng)
     return states, rng.integers(motion.count, size=cells.shape)

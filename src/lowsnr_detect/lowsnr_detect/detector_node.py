@@ -8,6 +8,7 @@ from typing import Any
 from lowsnr_detect.calibration import at_operating_point
 from lowsnr_detect.detector import refuse_late_answers
 from lowsnr_detect.registry import detector_class
+from lowsnr_detect.rehearsal import rehearse
 from lowsnr_sensor.node_settings import DetectionSettings
 from lowsnr_sensor.ros import messages
 from lowsnr_sensor.ros.params import declare
@@ -38,6 +39,7 @@ class DetectorNode(ManagedNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Create publishers and subscription; calibrate where the frame size is known."""
+        rehearse(self.detector)
         shape = (self.operating.rows, self.operating.cols)
         self._shape: tuple[int, int] | None = None
         self._rng = stream(self.settings.seed, 'detector')

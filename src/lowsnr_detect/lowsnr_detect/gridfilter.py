@@ -7,19 +7,23 @@ moves (see :class:`lowsnr_detect.moves.MoveModel`) and cell, leading axes of the
 
 from __future__ import annotations
 
+from lowsnr_detect import grid_kernels
+from lowsnr_detect.grid_kernels import BLOCK
 from lowsnr_detect.moves import MoveModel
 from lowsnr_detect.moves import shifted
+from lowsnr_detect.regions import in_bands
 import numpy as np
 
 # From p_x, p_y, v_x, v_y to the order of a state.
 _ORDER = [0, 2, 1, 3]
 
 
-def move_belief(
-    model: MoveModel, belief: np.ndarray, favour: np.ndarray | None = None,
-) -> np.ndarray:
+def move_and_weigh(
+    model: MoveModel, belief: np.ndarray, weight: np.ndarray, stays: np.ndarray,
+    born: np.ndarray, favour: np.ndarray | None = None, regions: int = 1,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
-    Move a belief on by one frame.
+    Move a belief on by one frame, mix it with births, and weigh it by the frame.
 
     Parameters
     ----------
@@ -27,30 +31,49 @@ def move_belief(
         Probabilities of the moves.
     belief : (dropped, kept, ..., rows, cols) ndarray
         Probability of each history and cell.
+    weight : (..., rows, cols) ndarray
+        Likelihood of each cell.
+    stays : (...,) ndarray
+        Factor of what has moved.
+    born : (...,) ndarray
+        Probability that an object appears, anywhere in the frame.
     favour : (kept, n, rows, cols) ndarray, optional
         Factor of every move by the cell that it starts in.
+    regions
+        Sub-regions that are worked on in parallel.
 
     Returns
     -------
     (dropped, kept, ..., rows, cols) ndarray
-        The same after the move; its sum is less by what moved out of the frame.
+        ``weight * (stays * moved + born)``, not normalised.
+    (...,) ndarray
+        What of the belief is still inside the frame after the move.
+    (...,) ndarray
+        Sum of what is returned first.
 
     """
-    dropped, kept, *rest = belief.shape
-    flat = belief.reshape(dropped, kept, -1).swapaxes(0, 1)
-    spread = (model.kernel @ flat).reshape(kept, -1, *rest)
-    if favour is not None:
-        spread *= over_runs(favour, len(rest) - 2)
-    for number, move in enumerate(model.moves):
-        spread[:, number] = shifted(spread[:, number], move, 0.0)
-    return _as_history(spread, model.history.shape)
+    batch, (rows, cols) = weight.shape[:-2], weight.shape[-2:]
+    weights = weight.reshape(-1, rows, cols)
+    planes = np.ascontiguousarray(belief).reshape(*belief.shape[:2], *weights.shape)
+    share = np.outer(model.history / (rows * cols), np.broadcast_to(born, batch))
+    lives_on = np.array(np.broadcast_to(stays, batch)).ravel()
+    after = np.empty((model.history.size, *weights.shape))
+    sums = np.empty((2, len(weights), -(-rows // BLOCK), cols))
+    factor = np.empty((0, 0, 0, 0)) if favour is None else np.ascontiguousarray(favour)
+    in_bands(
+        lambda first, last: grid_kernels.move_and_weigh(
+            planes, model.kernel, model.moves, factor, weights, lives_on, share, first, last,
+            after, sums),
+        rows, regions, BLOCK)
+    inside, mass = sums.sum(axis=(2, 3)).reshape(2, *batch)
+    return after.reshape(belief.shape), inside, mass
 
 
 def expect_belief(model: MoveModel, value: np.ndarray) -> np.ndarray:
     """
     Return what is expected of a value after the move, by where it starts.
 
-    It is the adjoint of :func:`move_belief`.
+    It is the adjoint of the move in :func:`move_and_weigh`.
 
     Parameters
     ----------
@@ -90,13 +113,6 @@ def over_runs(planes: np.ndarray, axes: int) -> np.ndarray:
 def total(belief: np.ndarray) -> np.ndarray:
     """Return the sum over histories and cells, (...,)."""
     return belief.sum(axis=(0, 1, -2, -1))
-
-
-def _as_history(spread: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Give (kept, n, ...) the axes (dropped, kept, ...) after the move."""
-    if shape == (1, 1):
-        return spread.sum(axis=1, keepdims=True)
-    return spread.swapaxes(0, 1) if shape[1] == 1 else spread
 
 
 def cell_moments(

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import functools
 import math
 
+from lowsnr_detect.kernels import best_moves
+from lowsnr_detect.regions import in_bands
 from lowsnr_sensor.measurement import SensorModel
 from lowsnr_sensor.motion import MotionModes
 from lowsnr_sensor.motion import POS
@@ -109,7 +111,9 @@ def _slices(step: int) -> tuple[slice, slice]:
     return slice(None, step), slice(-step, None)
 
 
-def best_vicinity(plane: np.ndarray, moves: np.ndarray, log_prob: np.ndarray) -> np.ndarray:
+def best_vicinity(
+    plane: np.ndarray, moves: np.ndarray, log_prob: np.ndarray, regions: int = 1,
+) -> np.ndarray:
     """
     Return the best of all moves into each cell, each with its own bonus.
 
@@ -121,6 +125,8 @@ def best_vicinity(plane: np.ndarray, moves: np.ndarray, log_prob: np.ndarray) ->
         Rows and columns of each move.
     log_prob : (n,) or (n, rows, cols) ndarray
         Log probability that is added with the move, by the cell it starts in [nat].
+    regions
+        Sub-regions that are worked on in parallel.
 
     Returns
     -------
@@ -128,13 +134,14 @@ def best_vicinity(plane: np.ndarray, moves: np.ndarray, log_prob: np.ndarray) ->
         ``max over moves (plane before the move + log_prob)``.
 
     """
-    best = np.full_like(plane, -np.inf)
-    for move, bonus in zip(moves, log_prob):
-        (rows, rows_from), (cols, cols_from) = (_slices(int(step)) for step in move)
-        target = best[..., rows, cols]
-        own = bonus[rows_from, cols_from] if bonus.ndim else bonus
-        np.maximum(target, plane[..., rows_from, cols_from] + own, out=target)
-    return best
+    bonus = np.ascontiguousarray(log_prob, dtype=plane.dtype)
+    bonus = bonus.reshape(len(moves), *(bonus.shape[1:] or (1, 1)))
+    planes = np.ascontiguousarray(plane).reshape(-1, *plane.shape[-2:])
+    best = np.empty_like(planes)
+    rows = plane.shape[-2]
+    in_bands(
+        lambda first, last: best_moves(planes, moves, bonus, first, last, best), rows, regions)
+    return best.reshape(plane.shape)
 
 
 def _simulated_moves(

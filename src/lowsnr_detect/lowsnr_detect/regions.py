@@ -8,47 +8,30 @@ import functools
 
 import numpy as np
 
-_ROWS = -2
 
-
-def by_regions(
-    function: Callable[..., np.ndarray], planes: tuple[np.ndarray, ...], count: int, margin: int,
-) -> np.ndarray:
+def in_bands(work: Callable[[int, int], None], rows: int, count: int, multiple: int = 1) -> None:
     """
-    Apply a function to bands of rows in parallel threads and put the results together.
-
-    Each band is handed over with ``margin`` rows more on either side, so that a function whose
-    result depends on cells no further away gives the very numbers it gives for whole planes.
+    Let parallel threads write a band of rows each.
 
     Parameters
     ----------
-    function
-        Takes the planes of a band and returns an array (..., rows, cols) of the same rows.
-    planes : tuple of (..., rows, cols) ndarrays
-        What the function works on.
+    work
+        Writes the rows from the first to before the last; it reads what it likes.
+    rows
+        Rows of the frame.
     count
-        Number of bands; NumPy works without the interpreter's lock, so threads do.
-    margin
-        Rows that a band needs on either side.
-
-    Returns
-    -------
-    (..., rows, cols) ndarray
-        The result for the whole planes.
+        Number of bands; the compiled loops run without the interpreter's lock, so threads do.
+    multiple
+        Rows that stay together.
 
     """
-    rows = planes[0].shape[_ROWS]
-    count = min(count, rows)
+    groups = -(-rows // multiple)
+    count = min(count, groups)
     if count <= 1:
-        return function(*planes)
-    edges = np.linspace(0, rows, count + 1).astype(int)
-
-    def work(start: int, stop: int) -> np.ndarray:
-        first, last = max(0, start - margin), min(rows, stop + margin)
-        result = function(*(plane[..., first:last, :] for plane in planes))
-        return result[..., start - first:stop - first, :]
-
-    return np.concatenate(list(_threads(count).map(work, edges[:-1], edges[1:])), axis=_ROWS)
+        work(0, rows)
+        return
+    edges = np.minimum(np.linspace(0, groups, count + 1).astype(int) * multiple, rows)
+    list(_threads(count).map(work, edges[:-1].tolist(), edges[1:].tolist()))
 
 
 @functools.cache

@@ -57,32 +57,39 @@ def statistic_bound(log_threshold: float, iterations: int, sensor: SensorModel) 
     return sensor.noise_std**2 / intensity * log_threshold + iterations * intensity / 2.0
 
 
-def vicinity_max(plane: np.ndarray, radius: int) -> np.ndarray:
+def ratio_terms(
+    sensor: SensorModel, frame: np.ndarray,
+) -> tuple[np.ndarray, np.float32, np.float32]:
     """
-    Return the largest value within ``radius`` cells in both directions.
+    Return what the log-likelihood ratio of every cell is made of.
 
     Parameters
     ----------
-    plane : (..., rows, cols) ndarray
-        Values; outside the frame counts as -inf.
-    radius
-        Cells an object may move from a frame to the next.
+    sensor
+        Intensity, noise and blur.
+    frame : (..., rows, cols) ndarray
+        Cell intensities.
 
     Returns
     -------
-    (..., rows, cols) ndarray
-        Maximum over the (2 radius + 1)^2 cells around each cell.
+    plane : (B, rows, cols) ndarray
+        The frame, or the ratio where it is not one of the cell alone; B is the number of runs.
+    factor, offset : float32
+        ``float32(plane) * factor - offset`` is the ratio [nat].
 
     """
-    for axis in (-1, -2):
-        plane = _running_max(plane, radius, axis)
-    return plane
+    if sensor.blur_m > 0.0:
+        plane, factor, offset = sensor.log_likelihood_ratio(frame), 1.0, 0.0
+    else:
+        plane, factor = frame, sensor.intensity / sensor.noise_std**2
+        offset = factor * sensor.intensity / 2.0
+    planes = np.ascontiguousarray(plane).reshape(-1, *frame.shape[-2:])
+    return planes, np.float32(factor), np.float32(offset)
 
 
-def _running_max(plane: np.ndarray, radius: int, axis: int) -> np.ndarray:
-    plane = np.moveaxis(plane, axis, -1)
-    result = plane.copy()
-    for shift in range(1, min(radius, plane.shape[-1] - 1) + 1):
-        np.maximum(result[..., shift:], plane[..., :-shift], out=result[..., shift:])
-        np.maximum(result[..., :-shift], plane[..., shift:], out=result[..., :-shift])
-    return np.moveaxis(result, -1, axis)
+def floor32(bound: float) -> np.float32:
+    """Return the largest float32 that is not above a bound: ``>`` says of both the same."""
+    most = float(np.finfo(np.float32).max)
+    bound = min(max(bound, -most), most)
+    near = np.float32(bound)
+    return np.nextafter(near, np.float32(-np.inf)) if float(near) > bound else near

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
+
 from lowsnr_detect.detector import Declarations
+from lowsnr_detect.sequential import floor32
 from lowsnr_sensor.motion import POS
 import numpy as np
 
@@ -40,14 +43,50 @@ def declare_cells(
         the threshold is the Bayes test, so 1/2 at the threshold.
 
     """
-    batch, (rows, cols) = excess.shape[:-2], excess.shape[-2:]
-    planes = excess.reshape(-1, rows, cols)
-    run, row, col = np.nonzero(planes > -np.inf)
-    value = planes[run, row, col]
-    order = np.lexsort((-value, run))
-    run, row, col, value = run[order], row[order], col[order], value[order]
-    score = np.zeros((len(planes), most))
-    state = np.full((len(planes), most, 4), np.nan)
+    crossed = np.flatnonzero(excess > -np.inf)
+    return _thinned(
+        crossed, excess.ravel()[crossed], excess.shape, peak, reach, most, cell_size_m,
+        position_std_m)
+
+
+def declare_above(
+    plane: np.ndarray, threshold: float, *, reach: int, most: int, cell_size_m: float,
+    position_std_m: float,
+) -> Declarations:
+    """
+    Declare the cells of a plane above a threshold, thinned as by :func:`declare_cells`.
+
+    Parameters
+    ----------
+    plane : (..., rows, cols) ndarray of float32
+        Test statistic of each cell [nat].
+    threshold
+        What it is compared with [nat].
+    reach, most, cell_size_m, position_std_m
+        As for :func:`declare_cells`.
+
+    """
+    peak = plane.max(axis=(-2, -1)).astype(float)
+    crossed = np.empty(0, dtype=np.intp)
+    if np.any(peak > threshold):
+        crossed = np.flatnonzero(plane > floor32(threshold))
+    excess = plane.ravel()[crossed].astype(float) - threshold
+    return _thinned(
+        crossed, excess, plane.shape, peak, reach, most, cell_size_m, position_std_m)
+
+
+def _thinned(
+    crossed: np.ndarray, excess: np.ndarray, shape: tuple[int, ...], peak: np.ndarray, reach: int,
+    most: int, cell_size_m: float, position_std_m: float,
+) -> Declarations:
+    """Declare of the cells ``crossed`` (n,) of planes of a shape the strongest, one by one."""
+    batch, (rows, cols) = shape[:-2], shape[-2:]
+    runs = math.prod(batch)
+    run, cell = np.divmod(crossed, rows * cols)
+    order = np.lexsort((-excess, run))
+    run, (row, col), value = run[order], np.divmod(cell[order], cols), excess[order]
+    score = np.zeros((runs, most))
+    state = np.full((runs, most, 4), np.nan)
     for slot in range(most):
         if run.size == 0:
             break

@@ -7,6 +7,8 @@ import functools
 from types import FunctionType
 from typing import Any
 
+_DISPATCHERS: list[Any] = []
+
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """
@@ -24,6 +26,11 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     return call
 
 
+def variants() -> int:
+    """Return how many variants of functions, one for each types of arguments, are compiled."""
+    return sum(len(function.signatures) for function in _DISPATCHERS)
+
+
 @functools.cache
 def _machine_code(function: FunctionType) -> Callable[..., Any]:
     import numba
@@ -34,7 +41,9 @@ def _machine_code(function: FunctionType) -> Callable[..., Any]:
             known[name] = _machine_code(inner)
     plain = functools.wraps(function)(FunctionType(function.__code__, known))
     try:
-        return numba.njit(plain, cache=True, **options)
+        made = numba.njit(plain, cache=True, **options)
     except RuntimeError:
         # There is no folder that can be written: compiled anew in every process.
-        return numba.njit(plain, **options)
+        made = numba.njit(plain, **options)
+    _DISPATCHERS.append(made)
+    return made

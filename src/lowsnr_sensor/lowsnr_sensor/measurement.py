@@ -107,10 +107,13 @@ class SensorModel:
             Log ratio per cell [nat].
 
         """
-        frame = np.asarray(frame, dtype=float)
         if self.blur_m == 0.0:
             intensity = self.intensity
-            return (2.0 * frame - intensity) * (intensity / (2.0 * self.noise_std**2))
+            ratio = np.multiply(frame, 2.0, dtype=float)
+            ratio -= intensity
+            ratio *= intensity / (2.0 * self.noise_std**2)
+            return ratio
+        frame = np.asarray(frame, dtype=float)
         axes = (frame.ndim - 2, frame.ndim - 1)
         matched = _separable(frame, self._spread, axes)
         ones = np.ones(frame.shape[-2:])

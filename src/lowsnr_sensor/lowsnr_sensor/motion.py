@@ -208,4 +208,7 @@ class MotionModes:
         """
         speed = rng.uniform(self.min_speed_mps, self.max_speed_mps, shape)
         heading = rng.uniform(-np.pi, np.pi, shape)
-        return np.stack([speed * np.cos(heading), speed * np.sin(heading)], axis=-1)
+        velocity = np.empty((*shape, 2))
+        np.multiply(speed, np.cos(heading), out=velocity[..., 0])
+        np.multiply(speed, np.sin(heading), out=velocity[..., 1])
+        return velocity

@@ -11,6 +11,7 @@ from lowsnr_sensor.ros.runtime import ManagedNode
 from lowsnr_sensor.ros.runtime import reliable
 from lowsnr_sensor.ros.runtime import run
 from lowsnr_sensor.streams import stream
+from lowsnr_sensor.warm_up import warm_up
 from lowsnr_track.pda_mmpf import PdaMmpf
 from nav_msgs.msg import Odometry
 from rclpy.lifecycle import LifecycleState
@@ -29,15 +30,17 @@ class TrackerNode(ManagedNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Create publishers and subscription."""
         depth = self.settings.queue_depth
+        warm_up(self.tracker.motion)
         self._memory = self.tracker.init()
         self._rng = stream(self.settings.seed, 'tracker')
         self._array = self.create_publisher(
             Detection2DArray, 'tracks', reliable(depth))
         self._odometry = self.create_publisher(Odometry, 'tracks/odometry', reliable(depth))
-        self.outputs = {
-            self._array: self.settings.consumers, self._odometry: self.settings.consumers}
         self._tentative = self.create_publisher(
             Detection2DArray, 'tracks/tentative', reliable(depth))
+        self.outputs = {
+            self._array: self.settings.consumers, self._odometry: self.settings.consumers,
+            self._tentative: 0}
         self.listen(
             Detection2DArray, 'detections', self._on_detections, reliable(depth))
         return TransitionCallbackReturn.SUCCESS

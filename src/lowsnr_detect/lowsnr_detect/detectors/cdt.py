@@ -9,8 +9,9 @@ from typing import ClassVar
 
 from lowsnr_detect.detector import Declarations
 from lowsnr_detect.registry import register
+from lowsnr_detect.sequential import ratio_terms
 from lowsnr_detect.sequential import wald_bounds
-from lowsnr_detect.thinning import declare_cells
+from lowsnr_detect.thinning import declare_above
 from lowsnr_sensor.config import check_settings
 from lowsnr_sensor.config import setting
 from lowsnr_sensor.measurement import SensorModel
@@ -54,10 +55,11 @@ class CDT:
         self, state: None, frame: np.ndarray, rng: np.random.Generator,
     ) -> tuple[None, Declarations]:
         """Declare the cells of a frame (..., rows, cols) above the threshold."""
-        ratio = self.sensor.log_likelihood_ratio(frame)
-        excess = np.where(ratio > self.threshold, ratio - self.threshold, -np.inf)
-        declared = declare_cells(
-            excess, ratio.max(axis=(-2, -1)), reach=self.thinning_reach + self.sensor.blur_reach,
+        plane, factor, offset = ratio_terms(self.sensor, frame)
+        ratio = plane.astype(np.float32) * factor - offset
+        declared = declare_above(
+            ratio.reshape(frame.shape), self.threshold,
+            reach=self.thinning_reach + self.sensor.blur_reach,
             most=self.max_detections, cell_size_m=self.sensor.cell_size_m,
             position_std_m=self.sensor.cell_size_m / np.sqrt(12.0))
         return state, declared

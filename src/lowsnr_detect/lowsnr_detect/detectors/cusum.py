@@ -16,11 +16,14 @@ from typing import ClassVar
 
 from lowsnr_detect.centroids import with_centroids
 from lowsnr_detect.detector import Declarations
+from lowsnr_detect.kernels import extend_sums
 from lowsnr_detect.moves import best_vicinity
 from lowsnr_detect.moves import move_model
+from lowsnr_detect.regions import in_bands
 from lowsnr_detect.registry import register
+from lowsnr_detect.sequential import ratio_terms
 from lowsnr_detect.sequential import wald_bounds
-from lowsnr_detect.thinning import declare_cells
+from lowsnr_detect.thinning import declare_above
 from lowsnr_sensor.config import check_settings
 from lowsnr_sensor.config import setting
 from lowsnr_sensor.measurement import SensorModel
@@ -52,6 +55,9 @@ class CUSUM:
     beta: float = setting(
         0.01, 'nominal probability that an object is missed', gt=0.0, lt=0.5)
     threshold: float = setting(4.595, 'sum above which a path is declared [nat]')
+    regions: int = setting(
+        1, 'sub-regions of the frame that are worked on in parallel; the result is the same',
+        ge=1, le=64)
     thinning_reach: int = setting(
         3, 'cells on each side that a stronger declaration suppresses', ge=0, le=50)
     max_detections: int = setting(50, 'most declarations in a frame', ge=1, le=10_000)
@@ -65,7 +71,7 @@ class CUSUM:
 
     def init(self, shape: tuple[int, ...]) -> np.ndarray:
         """Return the sum of every cell, none at first."""
-        return np.full(shape, -np.inf)
+        return np.full(shape, -np.inf, dtype=np.float32)
 
     def step(
         self, state: np.ndarray, frame: np.ndarray, rng: np.random.Generator,
@@ -75,7 +81,7 @@ class CUSUM:
 
         Parameters
         ----------
-        state : (..., rows, cols) ndarray
+        state : (..., rows, cols) ndarray of float32
             Sum of log ratios of the best path of every cell [nat].
         frame : (..., rows, cols) ndarray
             Cell intensities.
@@ -84,12 +90,23 @@ class CUSUM:
 
         """
         model = move_model(self.motion, self.sensor, 0)
-        before = best_vicinity(state, model.moves, np.log(model.kernel.ravel()))
-        kept = np.clip(before - self.drift, 0.0, max(self.threshold, 0.0) + self.headroom)
-        sums = kept + self.sensor.log_likelihood_ratio(frame)
-        excess = np.where(sums > self.threshold, sums - self.threshold, -np.inf)
+        before = best_vicinity(
+            state, model.moves, np.log(model.kernel.ravel()), self.regions)
+        sums = self._extended(before, frame)
         size = self.sensor.cell_size_m
-        declared = declare_cells(
-            excess, sums.max(axis=(-2, -1)), reach=self.thinning_reach + self.sensor.blur_reach,
+        declared = declare_above(
+            sums, self.threshold, reach=self.thinning_reach + self.sensor.blur_reach,
             most=self.max_detections, cell_size_m=size, position_std_m=size)
         return sums, with_centroids(declared, sums, reach=_CENTROID_REACH, cell_size_m=size)
+
+    def _extended(self, before: np.ndarray, frame: np.ndarray) -> np.ndarray:
+        """Return the sums with the log ratio of a frame, those below zero started anew."""
+        plane, factor, offset = ratio_terms(self.sensor, frame)
+        sums, most = np.empty_like(plane, dtype=np.float32), max(self.threshold, 0.0)
+        known = np.float32(self.drift), np.float32(most + self.headroom)
+        paths = before.reshape(plane.shape)
+        in_bands(
+            lambda first, last: extend_sums(
+                paths, plane, factor, offset, *known, first, last, sums),
+            plane.shape[-2], self.regions)
+        return sums.reshape(before.shape)

@@ -22,7 +22,7 @@ from lowsnr_detect.existence import Existence
 from lowsnr_detect.gridfilter import born_belief
 from lowsnr_detect.gridfilter import cell_moments
 from lowsnr_detect.gridfilter import expect_belief
-from lowsnr_detect.gridfilter import move_belief
+from lowsnr_detect.gridfilter import move_and_weigh
 from lowsnr_detect.gridfilter import over_runs
 from lowsnr_detect.gridfilter import total
 from lowsnr_detect.moves import move_model
@@ -78,6 +78,9 @@ class HMM:
     existence: Existence = field(default_factory=Existence)
     destination: Destination = field(default_factory=Destination)
     order: int = setting(2, 'last moves that the next one depends on', ge=0, le=2)
+    regions: int = setting(
+        1, 'sub-regions of the frame that are worked on in parallel; the result is the same',
+        ge=1, le=64)
     lag: int = setting(
         0, 'frames that an answer waits for; it is then about the frame so long ago', ge=0, le=20)
     threshold: float = setting(
@@ -130,16 +133,16 @@ class HMM:
         last = state[-1] if state else None
         born, stays, absent = self.existence.predict(last.log_odds if last else None)
         peak = ratio.max(axis=(-2, -1))
-        weight = np.exp(ratio - _plane(peak))
+        weight = ratio - _plane(peak)
+        np.exp(weight, out=weight)
         number = last.frame + 1 if last else 1
-        given = self._born(model, number, ratio.shape) * (_plane(born) * weight)
-        if last is not None:
-            moved = self._moved(model, number, last.given)
-            absent = absent + stays * (1.0 - total(moved))
-            moved *= _plane(stays) * weight
-            given += moved
-        mass = total(given)
-        given /= _plane(mass)
+        if last is None:
+            given = self._born(model, number, ratio.shape) * (_plane(born) * weight)
+            mass = total(given)
+        else:
+            given, inside, mass = self._moved(model, number, last.given, weight, stays, born)
+            absent = absent + stays * (1.0 - inside)
+        given *= _plane(1.0 / mass)
         return Belief(given, np.log(mass) + peak - np.log(absent), ratio, number)
 
     def _born(self, model: MoveModel, number: int, shape: tuple[int, ...]) -> np.ndarray:
@@ -152,14 +155,21 @@ class HMM:
             self.destination, self.motion, self.sensor, self.order, number, (rows, cols),
         ), len(shape) - 2)
 
-    def _moved(self, model: MoveModel, number: int, belief: np.ndarray) -> np.ndarray:
-        """Return the belief moved on into a frame."""
+    def _moved(
+        self, model: MoveModel, number: int, belief: np.ndarray, weight: np.ndarray,
+        stays: np.ndarray, born: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the belief moved on, with births and weighed, what is left inside, the sum."""
         if not self.destination.is_ahead(number):
-            return move_belief(model, belief)
+            return move_and_weigh(model, belief, weight, stays, born, regions=self.regions)
         rows, cols = belief.shape[-2:]
         favour, mean = favoured_moves(
             self.destination, self.motion, self.sensor, self.order, number, (rows, cols))
-        return move_belief(model, belief / over_runs(mean, belief.ndim - 4), favour)
+        belief = belief / over_runs(mean, belief.ndim - 4)
+        given, inside, _ = move_and_weigh(
+            model, belief, weight, stays, np.zeros_like(born), favour, self.regions)
+        given += self._born(model, number, weight.shape) * (_plane(born) * weight)
+        return given, inside, total(given)
 
     def _smoothed(
         self, model: MoveModel, state: tuple[Belief, ...],

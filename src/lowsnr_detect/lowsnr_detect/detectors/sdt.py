@@ -18,13 +18,15 @@ from typing import ClassVar
 from lowsnr_detect.detector import Declarations
 from lowsnr_detect.directed import favoured_cells
 from lowsnr_detect.directed import favoured_moves
+from lowsnr_detect.kernels import extend_paths
 from lowsnr_detect.moves import best_vicinity
 from lowsnr_detect.moves import move_model
-from lowsnr_detect.regions import by_regions
+from lowsnr_detect.regions import in_bands
 from lowsnr_detect.registry import register
-from lowsnr_detect.sequential import vicinity_max
+from lowsnr_detect.sequential import floor32
+from lowsnr_detect.sequential import ratio_terms
 from lowsnr_detect.sequential import wald_bounds
-from lowsnr_detect.thinning import declare_cells
+from lowsnr_detect.thinning import declare_above
 from lowsnr_sensor.config import check_settings
 from lowsnr_sensor.config import setting
 from lowsnr_sensor.destination import Destination
@@ -40,7 +42,7 @@ class Paths:
 
     Parameters
     ----------
-    log_ratio : (s_m - 1, ..., rows, cols) ndarray
+    log_ratio : (s_m - 1, ..., rows, cols) ndarray of float32
         ln L_M of the best open path of every cell and depth M < s_m; -inf for none [nat].
     frame
         Number of the frame, from 1; 0 before the first.
@@ -107,7 +109,8 @@ class SDT:
 
     def init(self, shape: tuple[int, ...]) -> Paths:
         """Return the open paths before the first frame: none."""
-        return Paths(np.full((self.max_iterations - 1, *shape), -np.inf), 0)
+        return Paths(np.full(
+            (self.max_iterations - 1, *shape), -np.inf, dtype=np.float32), 0)
 
     def step(
         self, state: Paths, frame: np.ndarray, rng: np.random.Generator,
@@ -125,58 +128,53 @@ class SDT:
             Not used; SDT is deterministic.
 
         """
-        ratio = self.sensor.log_likelihood_ratio(frame)
         number = state.frame + 1
-        planes = (state.log_ratio, ratio, *self._log_favour(number, ratio.shape))
-        result = by_regions(self._advanced, planes, self.regions, self.radius)
-        still_open, decided = Paths(result[:-1], number), result[-1]
-        excess = np.where(decided > self.threshold, decided - self.threshold, -np.inf)
-        declared = declare_cells(
-            excess, decided.max(axis=(-2, -1)), reach=self._reach,
-            most=self.max_detections, cell_size_m=self.sensor.cell_size_m,
-            position_std_m=self._position_std_m)
-        return still_open, declared
+        start, moves = self._log_favour(number, frame.shape)
+        paths = self._extended(state.log_ratio, frame, start, moves)
+        declared = declare_above(
+            paths[-1], self.threshold, reach=self._reach, most=self.max_detections,
+            cell_size_m=self.sensor.cell_size_m, position_std_m=self._position_std_m)
+        return Paths(paths[:-1], number), declared
 
-    def _log_favour(self, number: int, shape: tuple[int, ...]) -> tuple[np.ndarray, ...]:
-        """Return what starts and moves into a frame add, where there is a destination."""
+    def _log_favour(
+        self, number: int, shape: tuple[int, ...],
+    ) -> tuple[np.ndarray, np.ndarray | None]:
+        """Return what starts (rows, cols) and moves into a frame add, for a destination."""
         if not self.destination.is_ahead(number):
-            return ()
+            return np.empty((0, 0)), None
         rows, cols = shape[-2:]
         known = self.destination, self.motion, self.sensor, 0, number, (rows, cols)
         moves, mean = favoured_moves(*known)
         return np.log(favoured_cells(*known)[0, 0]), np.log(moves[0] / mean[0, 0])
 
-    def _advanced(
-        self, state: np.ndarray, ratio: np.ndarray, start: np.ndarray | float = 0.0,
-        moves: np.ndarray | None = None,
+    def _extended(
+        self, state: np.ndarray, frame: np.ndarray, start: np.ndarray, moves: np.ndarray | None,
     ) -> np.ndarray:
         """Return the open paths by depth and, last, the best of those up for decision."""
-        lower = wald_bounds(self.alpha, self.beta)[0]
-        depths = self.max_iterations
-        paths = np.empty((depths, *ratio.shape))
-        vicinity = self._vicinity(state, moves)
-        paths[0] = ratio + start
-        if self.restart == 'unused' and depths > 1:
-            paths[0][vicinity.max(axis=0) > -np.inf] = -np.inf
-        paths[1:] = vicinity + ratio
-        early = paths[:-1] > max(self.upper_threshold, self.threshold)
-        closed = early | (paths[:-1] <= lower)
-        np.maximum(
-            paths[-1], np.where(early, paths[:-1], -np.inf).max(axis=0, initial=-np.inf),
-            out=paths[-1])
-        paths[:-1][closed] = -np.inf
-        return paths
+        plane, factor, offset = ratio_terms(self.sensor, frame)
+        before = self._moved(state, moves).reshape(-1, *plane.shape)
+        bounds = (
+            floor32(wald_bounds(self.alpha, self.beta)[0]),
+            floor32(max(self.upper_threshold, self.threshold)))
+        radius = 0 if self.move_prior else self.radius
+        paths = np.empty((self.max_iterations, *plane.shape), dtype=np.float32)
+        in_bands(
+            lambda first, last: extend_paths(
+                before, plane, factor, offset, start.astype(np.float32), radius,
+                self.restart == 'unused', *bounds, first, last, paths),
+            plane.shape[-2], self.regions)
+        return paths.reshape(self.max_iterations, *frame.shape)
 
-    def _vicinity(self, state: np.ndarray, moves: np.ndarray | None) -> np.ndarray:
-        """Return the best open path that may move into each cell, by depth."""
+    def _moved(self, state: np.ndarray, moves: np.ndarray | None) -> np.ndarray:
+        """Return the best open path that may move into each cell, where moves differ."""
         if not self.move_prior:
-            return vicinity_max(state, self.radius)
+            return state
         model = move_model(self.motion, self.sensor, 0)
         near = np.all(abs(model.moves) <= self.radius, axis=1)
         log_prob = np.log(model.kernel.ravel()[near])
         if moves is not None:
             log_prob = log_prob[:, None, None] + moves[near]
-        return best_vicinity(state, model.moves[near], log_prob)
+        return best_vicinity(state, model.moves[near], log_prob, self.regions)
 
     @property
     def _reach(self) -> int:

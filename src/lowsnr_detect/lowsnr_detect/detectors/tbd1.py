@@ -28,6 +28,7 @@ from lowsnr_sensor.measurement import SensorModel
 from lowsnr_sensor.motion import MotionModes
 from lowsnr_sensor.particles import log_sum_exp
 from lowsnr_sensor.particles import normalise
+from lowsnr_sensor.particles import pick
 from lowsnr_sensor.particles import systematic_resample
 from lowsnr_sensor.particles import weighted_moments
 import numpy as np
@@ -107,9 +108,7 @@ class MMTBD1:
         log_odds = log_sum_exp(with_object) - log_sum_exp(without)
         chosen = systematic_resample(np.where(exists, with_object, without), self.particles, rng)
         resampled = Particles(
-            np.take_along_axis(exists, chosen, axis=-1),
-            np.take_along_axis(now.states, chosen[..., None], axis=-2),
-            np.take_along_axis(now.modes, chosen, axis=-1))
+            pick(exists, chosen), pick(now.states, chosen), pick(now.modes, chosen))
         return resampled, declare_posterior(
             log_odds, self.threshold,
             lambda found: weighted_moments(now.states[found], normalise(with_object[found])[0]))
@@ -123,7 +122,7 @@ class MMTBD1:
         # One birth for every particle; those that need none do not use theirs.
         cells = systematic_resample(proposal, self.particles, rng)
         states, modes = draw_births(cells, frame.shape[-1], self.sensor, self.motion, rng)
-        correction = -np.log(proposal.shape[-1]) - np.take_along_axis(proposal, cells, axis=-1)
+        correction = -np.log(proposal.shape[-1]) - pick(proposal, cells)
         draw = rng.random(cells.shape)
         if state is None:
             return Particles(draw < chain.initial_prob, states, modes), correction

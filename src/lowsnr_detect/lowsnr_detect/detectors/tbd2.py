@@ -29,6 +29,7 @@ from lowsnr_sensor.likelihood import state_log_ratio
 from lowsnr_sensor.measurement import SensorModel
 from lowsnr_sensor.motion import MotionModes
 from lowsnr_sensor.particles import normalise
+from lowsnr_sensor.particles import pick
 from lowsnr_sensor.particles import systematic_resample
 from lowsnr_sensor.particles import weighted_moments
 import numpy as np
@@ -120,8 +121,7 @@ class MMTBD2:
         log_odds = mass - np.log(absent)
         chosen = systematic_resample(log_weights, self.particles, rng)
         cloud = Cloud(
-            np.take_along_axis(states, chosen[..., None], axis=-2),
-            np.take_along_axis(modes, chosen, axis=-1), log_odds, number)
+            pick(states, chosen), pick(modes, chosen), log_odds, number)
         return cloud, declare_posterior(
             log_odds, self.threshold,
             lambda found: weighted_moments(states[found], log_weights[found]))
@@ -146,8 +146,7 @@ class MMTBD2:
         proposal = log_birth_proposal(self.sensor.log_likelihood_ratio(frame))
         cells = systematic_resample(proposal, self.birth_particles, rng)
         states, modes = draw_births(cells, frame.shape[-1], self.sensor, self.motion, rng)
-        correction = -np.log(proposal.shape[-1] * self.birth_particles) - np.take_along_axis(
-            proposal, cells, axis=-1)
+        correction = -np.log(proposal.shape[-1] * self.birth_particles) - pick(proposal, cells)
         if self.destination.is_ahead(number):
             correction += np.log(favour_of_states(
                 self.destination, states, number, self.sensor.frame_period_s,
