@@ -20,6 +20,7 @@ setup(
     zip_safe=True,
     entry_points={
         'console_scripts': [
+            'conditioner_node = lowsnr_sensor.conditioner_node:main',
             'sensor_node = lowsnr_sensor.sensor_node:main',
         ],
     },

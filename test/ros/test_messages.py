@@ -35,8 +35,8 @@ def test_other_byte_order_and_padded_rows_are_read(grid_shape, rng):
 
 @pytest.mark.parametrize(('field', 'value', 'said'), [
     ('encoding', 'mono8', "encoding is 'mono8', must be '32FC1'"),
-    ('step', 16, 'step is 16 bytes, must be a multiple of 4 from 20'),
-    ('step', 21, 'step is 21 bytes'),
+    ('step', 16, 'step is 16 bytes, must be at least 20'),
+    ('step', 21, 'data holds 140 bytes, must be 147'),
     ('height', 8, 'data holds 140 bytes, must be 160'),
     ('width', 0, 'frame of 0 x 7 cells is empty'),
 ])

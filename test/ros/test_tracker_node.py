@@ -60,7 +60,9 @@ def answers(tracker, client, spin):
 def counts(reports):
     """Return the counters of the last report of the tracker."""
     values = [status.values for report in reports for status in report.status][-1:]
-    return {item.key: int(item.value) for items in values for item in items}
+    return {
+        item.key: int(item.value) for items in values for item in items
+        if not item.key.endswith('[ms]')}
 
 
 def array(stamp_s, *places, score=0.9):
@@ -79,6 +81,19 @@ def test_every_array_is_answered_with_states_of_the_same_ids(answers):
     assert len(ids) >= 5
     assert set(ids) == {'1'}
     assert (status['in'], status['out']) == (10, 10)
+
+
+def test_time_of_a_step_is_in_the_diagnostics(answers, tracker, client, spin):
+    reports = []
+    client.create_subscription(DiagnosticArray, '/diagnostics', reports.append, DEPTH)
+    answers(array(1, (4, 6)), array(2, (4, 6)))
+
+    def said():
+        return {v.key: v.value for r in reports for s in r.status for v in s.values}
+
+    spin(lambda: 'detections median [ms]' in said())
+    assert 0.0 < float(said()['detections median [ms]']) <= float(
+        said()['detections longest [ms]'])
 
 
 def test_what_cannot_be_used_is_counted_and_the_track_goes_on(answers):

@@ -19,6 +19,9 @@ class NodeSettings:
     consumers: int = setting(
         0, 'readers that the output must have, and every input a writer, before the node becomes '
         'active; 0 waits for nobody', ge=0, le=100)
+    observers: int = setting(
+        0, 'readers that every output must have beside the consumers, such as a recorder', ge=0,
+        le=100)
     queue_depth: int = setting(
         1000, 'messages kept for a slow reader; frames at most 256 MiB', ge=1, le=100_000)
     seed: int = setting(0, 'root seed of the random streams', ge=0)
@@ -55,6 +58,17 @@ class DetectionSettings:
         0.01, 'share of empty frames with any declaration, when matched', gt=0.0, lt=1.0)
     rows: int = setting(0, 'rows of a frame, 0 to take them from the first', ge=0, le=16384)
     cols: int = setting(0, 'columns of a frame, 0 to take them from the first', ge=0, le=16384)
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TruthSettings:
+    """Whether a node that changes the pixels of frames takes the truth with them."""
+
+    sensor: SensorModel = field(default_factory=SensorModel)
+    truth: bool = setting(True, 'whether there is a truth to pass on, in the new pixels')
 
     def __post_init__(self) -> None:
         check_settings(self)

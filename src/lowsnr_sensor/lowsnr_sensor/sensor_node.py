@@ -9,6 +9,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from lowsnr_sensor.node_settings import SimulationSettings
 from lowsnr_sensor.records import Estimate
+from lowsnr_sensor.records import Truth
 from lowsnr_sensor.ros import messages
 from lowsnr_sensor.ros.params import declare
 from lowsnr_sensor.ros.runtime import frame_depth
@@ -65,8 +66,9 @@ class SensorNode(ManagedNode):
         self._data_time = self.create_publisher(Clock, '/clock', reliable(depth))
         self.outputs = {
             self._image: self.settings.consumers, self._array: bool(self.settings.consumers),
-            self._odometry: bool(self.settings.consumers)}
+            self._odometry: bool(self.settings.consumers), self._data_time: 0}
         self.listen(DiagnosticArray, 'scored', self._on_scored, reliable(depth))
+        self._prepare()
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -90,19 +92,25 @@ class SensorNode(ManagedNode):
         if self.active and self.simulation.lockstep and waited_for:
             self._publish_next()
 
-    def _publish_next(self) -> None:
+    def _prepare(self) -> None:
+        """Make the next frame while the graph works on the last."""
         k = next(self._frames, None)
-        if k is None:
+        self._next: tuple[int, list[Truth], np.ndarray] | None = None
+        if k is not None:
+            objects = self._truth[(k - 1) % len(self._truth)]
+            self._next = k, objects, simulate_frame(
+                objects, self.simulation.sensor, self.scenario.shape, self._noise)
+
+    def _publish_next(self) -> None:
+        if self._next is None:
             self._finish()
             return
+        k, objects, frame = self._next
         header = Header(
             stamp=messages.stamp_from_seconds(k * self.simulation.sensor.frame_period_s),
             frame_id=FRAME_ID)
         self._last_stamp = messages.stamp_key(header.stamp)
-        objects = self._truth[(k - 1) % len(self._truth)]
         estimates = [Estimate(o.state, np.zeros((4, 4)), 1.0, o.id) for o in objects]
-        frame = simulate_frame(
-            objects, self.simulation.sensor, self.scenario.shape, self._noise)
         self._data_time.publish(Clock(clock=header.stamp))
         for item in estimates:
             self._odometry.publish(messages.estimate_to_odometry(item, header))
@@ -110,6 +118,7 @@ class SensorNode(ManagedNode):
             estimates, header, self.simulation.sensor.cell_size_m))
         self._image.publish(messages.frame_to_image(frame, header))
         self.counts['out'] += 1
+        self._prepare()
 
     def _finish(self) -> None:
         """End the process once every reader has acknowledged every message."""

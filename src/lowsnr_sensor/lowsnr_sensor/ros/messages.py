@@ -11,6 +11,7 @@ from geometry_msgs.msg import PoseWithCovariance
 from lowsnr_sensor.motion import POS
 from lowsnr_sensor.motion import VEL
 from lowsnr_sensor.records import Estimate
+from lowsnr_sensor.ros.images import image_to_array
 from nav_msgs.msg import Odometry
 import numpy as np
 from sensor_msgs.msg import Image
@@ -42,7 +43,7 @@ def stamp_key(stamp: Time) -> int:
 def frame_to_image(frame: np.ndarray, header: Header) -> Image:
     """Return a (rows, cols) frame as a 32FC1 image in this machine's byte order."""
     data = array.array('B')
-    data.frombytes(np.ascontiguousarray(frame, dtype=np.float32).tobytes())
+    data.frombytes(np.ascontiguousarray(frame, dtype=np.float32).data.cast('B'))
     return Image(
         header=header, height=frame.shape[0], width=frame.shape[1], encoding=ENCODING,
         is_bigendian=int(sys.byteorder == 'big'), step=4 * frame.shape[1], data=data)
@@ -65,19 +66,7 @@ def image_to_frame(image: Image) -> np.ndarray:
     """
     if image.encoding != ENCODING:
         raise ValueError(f'encoding is {image.encoding!r}, must be {ENCODING!r}')
-    rows, cols, step = image.height, image.width, image.step
-    if rows == 0 or cols == 0:
-        raise ValueError(f'frame of {cols} x {rows} cells is empty')
-    if step < 4 * cols or step % 4:
-        raise ValueError(f'step is {step} bytes, must be a multiple of 4 from {4 * cols}')
-    if len(image.data) != rows * step:
-        raise ValueError(f'data holds {len(image.data)} bytes, must be {rows * step}')
-    kind = np.dtype('>f4' if image.is_bigendian else '<f4')
-    frame = np.frombuffer(image.data, kind).reshape(rows, step // 4)[:, :cols].astype(float)
-    if not np.isfinite(frame).all():
-        row, col = np.argwhere(~np.isfinite(frame))[0]
-        raise ValueError(f'cell at row {row}, column {col} is not a finite number')
-    return frame
+    return image_to_array(image).astype(float)
 
 
 def estimates_to_array(

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections import defaultdict
+from collections import deque
 from collections.abc import Callable
+from statistics import median
 import sys
 import time
 from typing import Any
@@ -28,6 +31,7 @@ from rclpy.qos import ReliabilityPolicy
 _FRAME_BYTES = 256 * 2**20
 _PEERS_WITHIN_S = 20.0
 _THROTTLE_S = 5.0
+_TIMED = 1000
 USAGE_ERROR = 2
 
 
@@ -49,6 +53,8 @@ class ManagedNode(LifecycleNode):
         self._inputs: list[Any] = []
         self._trouble = ''
         self._newest: dict[str, int] = {}
+        # Time that the last messages of each input took.
+        self._spent_ms: dict[str, deque[float]] = defaultdict(lambda: deque(maxlen=_TIMED))
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._diagnostics_timer = self.create_timer(1.0, self.report)
 
@@ -73,7 +79,11 @@ class ManagedNode(LifecycleNode):
         self, kind: type, topic: str, callback: Callable[[Any], None], qos: QoSProfile,
     ) -> None:
         """Subscribe to a topic that must have a writer before the node becomes active."""
-        self._inputs.append(self.create_subscription(kind, topic, callback, qos))
+        def timed(message: Any) -> None:
+            start = time.perf_counter()
+            callback(message)
+            self._spent_ms[topic].append(1e3 * (time.perf_counter() - start))
+        self._inputs.append(self.create_subscription(kind, topic, timed, qos))
 
     def _missing_peer(self) -> str:
         """
@@ -82,7 +92,8 @@ class ManagedNode(LifecycleNode):
         Both ends of a connection find each other at their own time, and a reader that has
         not found its writer loses what the writer sends.  So each node looks at both.
         """
-        for publisher, needed in self.outputs.items():
+        for publisher, consumers in self.outputs.items():
+            needed = consumers + self.settings.observers
             if (found := publisher.get_subscription_count()) < needed:
                 return f'{publisher.topic_name}: {found} of {needed} readers (see consumers)'
         for subscription in self._inputs if self.settings.consumers else ():
@@ -107,13 +118,17 @@ class ManagedNode(LifecycleNode):
         return False
 
     def report(self) -> None:
-        """Publish the counts; WARN once for trouble since the last report."""
+        """Publish counts and times; WARN once for trouble since the last report."""
         if not self.context.ok():
             return
+        values = {key: str(count) for key, count in sorted(self.counts.items())}
+        for topic, spent in self._spent_ms.items():
+            values[f'{topic} median [ms]'] = f'{median(spent):.3f}'
+            values[f'{topic} longest [ms]'] = f'{max(spent):.3f}'
         level = DiagnosticStatus.WARN if self._trouble else DiagnosticStatus.OK
         status = DiagnosticStatus(
             level=level, name=self.get_fully_qualified_name(), message=self._trouble,
-            values=[KeyValue(key=k, value=str(v)) for k, v in sorted(self.counts.items())])
+            values=[KeyValue(key=key, value=value) for key, value in values.items()])
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)

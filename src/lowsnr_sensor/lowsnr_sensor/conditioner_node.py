@@ -1,0 +1,105 @@
+"""The conditioner node: frames of a real camera made into what detectors expect."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from lowsnr_sensor.conditioning import ConditionerState
+from lowsnr_sensor.conditioning import ConditioningSettings
+from lowsnr_sensor.motion import POS
+from lowsnr_sensor.motion import VEL
+from lowsnr_sensor.node_settings import TruthSettings
+from lowsnr_sensor.records import Estimate
+from lowsnr_sensor.ros import messages
+from lowsnr_sensor.ros.images import image_to_array
+from lowsnr_sensor.ros.params import declare
+from lowsnr_sensor.ros.runtime import any_reliability
+from lowsnr_sensor.ros.runtime import frame_depth
+from lowsnr_sensor.ros.runtime import ManagedNode
+from lowsnr_sensor.ros.runtime import reliable
+from lowsnr_sensor.ros.runtime import run
+from nav_msgs.msg import Odometry
+import numpy as np
+from rclpy.lifecycle import LifecycleState
+from rclpy.lifecycle import TransitionCallbackReturn
+from sensor_msgs.msg import Image
+from vision_msgs.msg import Detection2DArray
+
+# A camera says the size of its frames only with the first: so many are kept as of this size.
+_LARGE = (1024, 1024)
+
+
+class ConditionerNode(ManagedNode):
+    """
+    Answer each frame on ``image_raw`` with one on ``conditioned/image_raw``, truth likewise.
+
+    Everything downstream then lives in the pixels of the conditioned frames.
+    """
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__('conditioner', **kwargs)
+        self.conditioning = declare(self, ConditioningSettings)
+        self.truth = declare(self, TruthSettings)
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Create publishers and subscriptions."""
+        depth = self.settings.queue_depth
+        frames = frame_depth(depth, *_LARGE)
+        self._memory: ConditionerState | None = None
+        self._image = self.create_publisher(Image, 'conditioned/image_raw', reliable(frames))
+        self.outputs = {self._image: self.settings.consumers}
+        if self.truth.truth:
+            self._array = self.create_publisher(
+                Detection2DArray, 'conditioned/ground_truth', reliable(depth))
+            self._odometry = self.create_publisher(
+                Odometry, 'conditioned/ground_truth/odometry', reliable(depth))
+            self.outputs |= dict.fromkeys(
+                (self._array, self._odometry), bool(self.settings.consumers))
+            self.listen(Odometry, 'ground_truth/odometry', self._on_state, reliable(depth))
+            self.listen(Detection2DArray, 'ground_truth', self._on_truth, reliable(depth))
+        self.listen(Image, 'image_raw', self._on_frame, any_reliability(frames))
+        return TransitionCallbackReturn.SUCCESS
+
+    def _on_frame(self, image: Image) -> None:
+        if not self.active or not self.is_new('image_raw', image.header.stamp):
+            return
+        self.counts['in'] += 1
+        try:
+            frame = image_to_array(image)
+            memory = self._memory or self.conditioning.init(frame.shape)
+            self._memory, cells = self.conditioning.step(memory, frame)
+        except ValueError as error:
+            if self._memory is None:
+                self.refuse(f'image_raw: {error}; frame refused, not answered')
+                return
+            self.refuse(f'image_raw: {error}; frame refused, answered with zeros')
+            cells = np.zeros(self.conditioning.size(self._memory.history.shape[-2:]))
+        self._image.publish(messages.frame_to_image(cells, image.header))
+        self.counts['out'] += 1
+
+    def _on_truth(self, message: Detection2DArray) -> None:
+        cell = self.truth.sensor.cell_size_m
+        entries = messages.array_to_estimates(message, cell)
+        self._array.publish(messages.estimates_to_array(
+            [self._in_cells(item) for item in entries], message.header, cell))
+
+    def _on_state(self, message: Odometry) -> None:
+        item = self._in_cells(messages.odometry_to_estimate(message, 0.0))
+        self._odometry.publish(messages.estimate_to_odometry(item, message.header))
+
+    def _in_cells(self, item: Estimate) -> Estimate:
+        """Return an object where it is in the conditioned frame, whose cells are as large."""
+        size, side = self.truth.sensor.cell_size_m, self.conditioning.binning
+        state = item.state.copy()
+        state[POS] = size * self.conditioning.cells(state[POS] / size)
+        state[VEL] /= side
+        return Estimate(state, item.cov / side**2, item.score, item.id)
+
+
+def main(args: list[str] | None = None) -> None:
+    """Entry point of ``ros2 run lowsnr_sensor conditioner_node``."""
+    run(ConditionerNode, args)
+
+
+if __name__ == '__main__':
+    main()

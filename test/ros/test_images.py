@@ -1,0 +1,51 @@
+"""Images of every kind of camera are read as they are; malformed ones are refused by name."""
+
+import array
+
+from lowsnr_sensor.ros.images import image_to_array
+import numpy as np
+import pytest
+from sensor_msgs.msg import Image
+
+KINDS = {'mono8': 'u1', '8UC1': 'u1', 'mono16': 'u2', '16UC1': 'u2', '32FC1': 'f4'}
+
+
+def image(frame, encoding, order, padding=0):
+    """Return a message whose rows are followed by some bytes."""
+    rows = frame.astype(np.dtype(KINDS[encoding]).newbyteorder(order))
+    data = b''.join(row.tobytes() + b'\xff' * padding for row in rows)
+    return Image(
+        height=frame.shape[0], width=frame.shape[1], encoding=encoding,
+        is_bigendian=int(order == '>'), step=len(data) // len(frame), data=array.array('B', data))
+
+
+@pytest.mark.parametrize('padding', [0, 3])
+@pytest.mark.parametrize('order', ['<', '>'])
+@pytest.mark.parametrize('encoding', KINDS)
+def test_every_encoding_byte_order_and_step_is_read(rng, grid_shape, encoding, order, padding):
+    most = 250 if KINDS[encoding] == 'u1' else 60_000
+    frame = rng.integers(most, size=grid_shape).astype(KINDS[encoding])
+    read = image_to_array(image(frame, encoding, order, padding))
+    np.testing.assert_array_equal(read, frame)
+    assert read.dtype.kind == frame.dtype.kind
+
+
+@pytest.mark.parametrize(('field', 'value', 'said'), [
+    ('encoding', 'rgb8', "encoding is 'rgb8', must be one of mono8, 8UC1, mono16, 16UC1, 32FC1"),
+    ('step', 9, 'step is 9 bytes, must be at least 10'),
+    ('step', 11, 'data holds 70 bytes, must be 77'),
+    ('height', 8, 'data holds 70 bytes, must be 80'),
+    ('width', 0, 'frame of 0 x 7 cells is empty'),
+])
+def test_malformed_image_is_refused(grid_shape, field, value, said):
+    message = image(np.zeros(grid_shape), 'mono16', '<')
+    setattr(message, field, value)
+    with pytest.raises(ValueError, match=said):
+        image_to_array(message)
+
+
+def test_value_that_is_not_finite_is_refused(grid_shape):
+    frame = np.zeros(grid_shape)
+    frame[3, 1] = np.nan
+    with pytest.raises(ValueError, match='row 3, column 1 is not a finite number'):
+        image_to_array(image(frame, '32FC1', '<'))
