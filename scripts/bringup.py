@@ -5,6 +5,7 @@ import json
 import math
 import os
 from pathlib import Path
+import shlex
 import sys
 from typing import Any
 from typing import NoReturn
@@ -51,6 +52,7 @@ def parse_arguments(arguments: list[str]) -> argparse.Namespace:
         '--snr 9 --lockstep --set sdt.max_iterations=8; exit code: 0 done, 1 failed, 2 usage or '
         'configuration error, 130 after Ctrl-C')
     add_what_to_run(parser)
+    add_what_to_replay(parser)
     add_how_to_run(parser)
     return parser.parse_args(arguments)
 
@@ -60,9 +62,13 @@ def add_what_to_run(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--detector', nargs='+', default=['sdt'], metavar='NAME',
         help='detectors to run side by side on the same frames (default: sdt)')
-    parser.add_argument(
+    frames = parser.add_mutually_exclusive_group()
+    frames.add_argument(
         '--scenario', default='example4', metavar='NAME|FILE',
         help='a file of config/scenarios without .yaml, or a path (default: example4)')
+    frames.add_argument(
+        '--replay', type=Path, metavar='BAG',
+        help='take the frames and the truth of a bag, not those of a scenario')
     parser.add_argument(
         '--snr', type=number(-30.0), metavar='DB',
         help="SNR of the object, and that detectors expect [dB] (default: the scenario's)")
@@ -76,17 +82,39 @@ def add_what_to_run(parser: argparse.ArgumentParser) -> None:
         help='set one parameter of sensor, tracker, evaluator or a detector; may be repeated')
 
 
+def add_what_to_replay(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say what of a bag is used."""
+    parser.add_argument(
+        '--frames-topic', default='/image_raw', metavar='TOPIC',
+        help='topic of the frames in the bag (default: /image_raw)')
+    parser.add_argument(
+        '--truth-topic', default='/ground_truth', metavar='TOPIC',
+        help='topic of the truth in the bag, if it has any (default: /ground_truth)')
+    parser.add_argument(
+        '--condition', choices=('auto', 'on', 'off'), default='auto',
+        help='whether background and uneven noise are taken off the frames of the bag (default: '
+        'auto, unless a simulation was recorded)')
+
+
 def add_how_to_run(parser: argparse.ArgumentParser) -> None:
     """Add the options that say how fast, how long and where."""
     pace = parser.add_mutually_exclusive_group()
     pace.add_argument(
         '--rate', type=number(0.0, above=True), metavar='HZ',
-        help='frames a second of wall time (default: 10)')
+        help='frames a second of wall time (default: 10, or as a bag was recorded)')
     pace.add_argument(
         '--lockstep', action='store_true',
         help='as fast as the graph answers; the same results every time')
     parser.add_argument(
         '--loop', action='store_true', help='repeat the scenario until Ctrl-C')
+    parser.add_argument(
+        '--record', type=Path, metavar='DIR', help='record every topic into a new rosbag2 bag')
+    parser.add_argument(
+        '--storage', choices=('mcap', 'sqlite3'), default='mcap',
+        help='how the bag is stored (default: mcap)')
+    parser.add_argument(
+        '--view', action='store_true',
+        help='publish overlay and markers for RViz and Foxglove, see config/lowsnr.rviz')
     parser.add_argument(
         '--results', type=Path, metavar='DIR',
         help='folder for results (default: results/SCENARIO-DETECTORS, or that with a number)')
@@ -113,9 +141,14 @@ def main() -> int:
         print(f'bringup.py: {error}', file=sys.stderr)
         return USAGE
     with claim:
+        for note in plan.notes:
+            print(f'bringup.py: {note}', file=sys.stderr)
         calibrate(plan)
         plan.parameters['/evaluator']['results'] = str(folder.resolve())
-        (folder / 'parameters.yaml').write_text(to_yaml(plan.parameters), encoding='utf-8')
+        file = (folder / 'parameters.yaml').resolve()
+        if '/recorder' in plan.parameters:
+            plan.parameters['/recorder']['run_parameters'] = str(file)
+        file.write_text(to_yaml(plan.parameters), encoding='utf-8')
         return run(plan, folder)
 
 
@@ -127,7 +160,10 @@ def plan_of(options: argparse.Namespace) -> 'RunPlan':
     return plan_run(RunOptions(
         detectors=options.detector, scenario=options.scenario, snr_db=options.snr,
         frames=options.frames, seed=options.seed, rate_hz=options.rate,
-        lockstep=options.lockstep, loop=options.loop, overrides=options.overrides), CONFIG)
+        lockstep=options.lockstep, loop=options.loop, overrides=options.overrides,
+        record=options.record, storage=options.storage, replay=options.replay,
+        frames_topic=options.frames_topic, truth_topic=options.truth_topic,
+        condition=options.condition, view=options.view), CONFIG)
 
 
 def calibrate(plan: 'RunPlan') -> None:
@@ -150,18 +186,37 @@ def calibrate(plan: 'RunPlan') -> None:
 
 def run(plan: 'RunPlan', folder: Path) -> int:
     """Start the graph, wait for its end, and print what it scored."""
+    from lowsnr_eval.bags.recording import describe_bag
+    from lowsnr_eval.middleware import node_environment
     from lowsnr_eval.ros.supervisor import Supervisor
     from lowsnr_eval.table import format_table
 
     patience_s = plan.parameters['/evaluator']['answer_within_s'] + 2.0
-    status, trouble = Supervisor(plan.nodes, folder, plan.frames, patience_s).run()
+    environment = node_environment(os.environ, folder, plan.frame_bytes)
+    status, trouble = Supervisor(
+        plan.nodes, folder, plan.frames, patience_s, environment).run()
     summary = folder / 'summary.json'
     if summary.is_file():
         print(format_table(json.loads(summary.read_text(encoding='utf-8'))))
     if trouble:
         print(f'bringup.py: {trouble}', file=sys.stderr)
     print(f'results in {folder}')
+    if '/recorder' in plan.parameters:
+        print(describe_bag(Path(plan.parameters['/recorder']['bag'])))
+    if summary.is_file():
+        report(folder)
     return status
+
+
+def report(folder: Path) -> None:
+    """Write the page that shows the run; scores do not depend on it."""
+    from lowsnr_eval.run_report import write_run_report
+
+    command = shlex.join(['python', 'scripts/bringup.py', *sys.argv[1:]])
+    try:
+        print(f'report: {write_run_report(folder, command)}')
+    except (OSError, ValueError) as error:
+        print(f'bringup.py: no report: {" ".join(str(error).split())}', file=sys.stderr)
 
 
 if __name__ == '__main__':

@@ -21,6 +21,9 @@ setup(
     entry_points={
         'console_scripts': [
             'evaluator_node = lowsnr_eval.evaluator_node:main',
+            'player_node = lowsnr_eval.player_node:main',
+            'recorder_node = lowsnr_eval.recorder_node:main',
+            'viewer_node = lowsnr_eval.viewer_node:main',
         ],
     },
 )

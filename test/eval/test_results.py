@@ -34,23 +34,24 @@ def board():
 
 def score_two_frames(board, writer):
     writer.add_scores(board.score_frame(1, 1.0, [], {'sdt': Answer([], None)}))
-    answer = Answer([DETECTION], [TRACK], 2.34567)
+    answer = Answer([DETECTION], [TRACK], 2.34567, 1.0)
     writer.add_scores(board.score_frame(2, 1700000000.123457, [OBJECT], {'sdt': answer}))
-    writer.add_latency(2, 'sdt', answer.latency_ms)
+    writer.add_latency(2, 'sdt', answer)
 
 
 def test_files_hold_the_scores(board, tmp_path):
     with ResultsWriter(tmp_path) as writer:
         score_two_frames(board, writer)
     assert (tmp_path / 'frames.csv').read_text() == FRAMES_CSV
-    assert (tmp_path / 'latency.csv').read_text() == 'frame,detector,latency_ms\n2,sdt,2.346\n'
+    assert (tmp_path / 'latency.csv').read_text() == (
+        'frame,detector,latency_ms,detection_ms\n2,sdt,2.346,1.000\n')
 
 
 def test_every_line_is_on_disk_at_once(board, tmp_path):
     with ResultsWriter(tmp_path) as writer:
         score_two_frames(board, writer)
         assert (tmp_path / 'frames.csv').read_text() == FRAMES_CSV
-        assert (tmp_path / 'latency.csv').read_text().endswith('2,sdt,2.346\n')
+        assert (tmp_path / 'latency.csv').read_text().endswith('2,sdt,2.346,1.000\n')
 
 
 def test_summary_has_the_stable_keys(board, tmp_path):

@@ -5,7 +5,7 @@ import shutil
 
 from lowsnr_detect.registry import detector_class
 from lowsnr_detect.registry import DETECTORS
-from lowsnr_eval.graph import load_config
+from lowsnr_eval.config_files import load_config
 from lowsnr_eval.graph import to_yaml
 from lowsnr_eval.run_plan import plan_run
 from lowsnr_eval.run_plan import RunOptions

@@ -101,7 +101,7 @@ def run():
         ([], [], []),
     ]
     for frame, (objects, detections, tracks) in enumerate(frames, start=1):
-        answer = Answer(detections, tracks, latency_ms=float(frame))
+        answer = Answer(detections, tracks, latency_ms=float(frame), detection_ms=0.1 * frame)
         board.score_frame(frame, float(frame), objects, {'sdt': answer})
     return board
 
@@ -134,6 +134,8 @@ def test_tracks_are_scored_by_themselves(run):
 
 def test_latency_has_median_and_99_per_cent(run):
     assert run.figures()['sdt']['latency_ms'] == pytest.approx({'median': 3.5, 'p99': 5.95})
+    assert run.figures()['sdt']['detection_latency_ms'] == pytest.approx(
+        {'median': 0.35, 'p99': 0.595})
 
 
 def test_frames_that_any_chain_leaves_unanswered_are_counted_once():
@@ -182,7 +184,8 @@ def test_share_of_several_objects_counts_each():
 
 def test_figures_that_do_not_exist_are_null():
     figures = Scoreboard(Evaluation(), ['sdt']).figures()
-    assert set(figures['sdt']) == {'detection', 'tracking', 'latency_ms'}
+    assert set(figures['sdt']) == {
+        'detection', 'tracking', 'latency_ms', 'detection_latency_ms'}
     for level in ('detection', 'tracking'):
         assert {figures['sdt'][level][key] for key in FIGURES} == {None}
     assert figures['sdt']['latency_ms'] == {'median': None, 'p99': None}

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+import pickle
 import time
 
 from lowsnr_detect.detector import Declarations
@@ -23,14 +24,19 @@ from lowsnr_eval.run_scores import RunScores
 from lowsnr_eval.run_scores import score_runs
 from lowsnr_eval.scoring import Evaluation
 from lowsnr_sensor.measurement import SensorModel
+from lowsnr_sensor.records import Estimate
 from lowsnr_sensor.scenario import Scenario
 from lowsnr_sensor.simulator import simulate_frames
 from lowsnr_sensor.streams import stream
+from lowsnr_track.pda_mmpf import PdaMmpf
 import numpy as np
 
 # A chain that declares more than this in a frame is tracked in a few runs only: dozens of
 # tracks on noise cost a hundred times one track, and a few runs show them well enough.
 CROWDED = 5.0
+# Tracks of a run and the time they took [s], by tracker, run and detections: chains whose
+# detections in a run are the same, often none at all, share them.
+_Tracked = dict[tuple[PdaMmpf, int, bytes], tuple[list[list[Estimate]], float]]
 
 
 @dataclass(frozen=True)
@@ -99,6 +105,7 @@ def run_block(block: Block) -> dict[tuple[str, str], ChainResult]:
     """
     truth, frames = _simulate(block)
     results = {}
+    tracked: _Tracked = {}
     for chains in sharing(block.chains):
         count = min(block.count, chains[0].runs - block.first)
         if count < 1:
@@ -108,7 +115,8 @@ def run_block(block: Block) -> dict[tuple[str, str], ChainResult]:
             [chain.detector for chain in chains], frames[:count], block.seed, block.first)
         spent_s = (time.process_time() - start) / (count * frames.shape[1])
         for chain, answer in zip(chains, answers):
-            results[chain.label, chain.point] = _score(block, chain, truth, answer, spent_s)
+            results[chain.label, chain.point] = _score(
+                block, chain, truth, answer, spent_s, tracked)
     return results
 
 
@@ -153,7 +161,7 @@ def _simulate(block: Block) -> tuple[np.ndarray, np.ndarray]:
 
 def _score(
     block: Block, chain: Chain, truth: np.ndarray, answers: Sequence[Declarations],
-    detector_s: float,
+    detector_s: float, tracked: _Tracked,
 ) -> ChainResult:
     states = np.stack([declared.state for declared in answers], axis=1)
     detection = score_runs(truth[:len(states)], states, block.evaluation)
@@ -162,11 +170,25 @@ def _score(
     runs = len(states)
     if detection.declared.mean() > CROWDED:
         runs = max(0, min(runs, block.crowded_runs - block.first))
-    start = time.process_time()
-    tracks = [
-        track(chain.tracker, [of_run(declared, run) for declared in answers],
-              block.sensor.frame_period_s, stream(block.seed, 'tracker', block.first + run))
-        for run in range(runs)]
-    spent_s = (time.process_time() - start) / max(1, runs * len(answers))
+    tracks, times_s = [], [0.0]
+    for run in range(runs):
+        detections = [of_run(declared, run) for declared in answers]
+        found, spent_s = _track(block, chain.tracker, block.first + run, detections, tracked)
+        tracks.append(found)
+        times_s.append(spent_s)
     tracking = score_runs(truth[:runs], padded(tracks, len(answers)), block.evaluation)
-    return ChainResult(detection, tracking, detector_s, spent_s)
+    return ChainResult(
+        detection, tracking, detector_s, sum(times_s) / max(1, runs * len(answers)))
+
+
+def _track(
+    block: Block, tracker: PdaMmpf, run: int, detections: list[list[Estimate]],
+    tracked: _Tracked,
+) -> tuple[list[list[Estimate]], float]:
+    key = tracker, run, pickle.dumps(detections)
+    if key not in tracked:
+        start = time.process_time()
+        tracks = track(
+            tracker, detections, block.sensor.frame_period_s, stream(block.seed, 'tracker', run))
+        tracked[key] = tracks, time.process_time() - start
+    return tracked[key]

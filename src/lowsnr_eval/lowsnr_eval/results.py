@@ -12,6 +12,7 @@ from types import TracebackType
 from typing import Any
 
 from lowsnr_eval.scoreboard import Scoreboard
+from lowsnr_eval.scoring import Answer
 from lowsnr_eval.scoring import FrameScore
 from lowsnr_sensor.config import flat_values
 
@@ -22,7 +23,7 @@ SUMMARY_FILE = 'summary.json'
 FRAME_COLUMNS = (
     'frame', 'stamp_s', 'detector', 'level', 'objects', 'declared', 'hits', 'false_alarms',
     'rmse_position_m', 'rmse_velocity_mps', 'gospa_m')
-LATENCY_COLUMNS = ('frame', 'detector', 'latency_ms')
+LATENCY_COLUMNS = ('frame', 'detector', 'latency_ms', 'detection_ms')
 
 
 def fresh_folder(wanted: Path) -> Path:
@@ -143,9 +144,11 @@ class ResultsWriter:
         """Append the scores of a frame to ``frames.csv``."""
         self._frames.writerows(map(_frame_row, scores))
 
-    def add_latency(self, frame: int, detector: str, latency_ms: float) -> None:
-        """Append the wall time from a frame to the end of a chain [ms] to ``latency.csv``."""
-        self._latency.writerow((frame, detector, f'{latency_ms:.3f}'))
+    def add_latency(self, frame: int, detector: str, answer: Answer) -> None:
+        """Append the wall times from a frame to tracks and detections to ``latency.csv``."""
+        times = (answer.latency_ms, answer.detection_ms)
+        self._latency.writerow(
+            (frame, detector, *('' if each is None else f'{each:.3f}' for each in times)))
 
     def write_summary(self, summary: dict[str, Any]) -> None:
         """Write ``summary.json``; whoever reads it sees the whole of it, old or new."""
@@ -169,16 +172,18 @@ class ResultsWriter:
 
 
 def _frame_row(score: FrameScore) -> list[Any]:
-    """Return the fields of a score; those of a frame without an answer are empty."""
+    """Return the fields of a score; those without an answer or without truth are empty."""
     # repr is the shortest text that reads back as the same time, also for seconds since 1970.
     stamp = repr(float(score.stamp_s))
-    row: list[Any] = [score.frame, stamp, score.detector, score.level, len(score.objects)]
+    objects = '' if score.objects is None else len(score.objects)
+    row: list[Any] = [score.frame, stamp, score.detector, score.level, objects]
     outcome = score.outcome
     if outcome is None:
         return row + [''] * (len(FRAME_COLUMNS) - len(row))
     figures = (outcome.rmse_position_m, outcome.rmse_velocity_mps, outcome.gospa_m)
     return row + [
-        outcome.declared, len(outcome.hit), outcome.false_alarms,
+        outcome.declared, *(
+            ('', '') if score.objects is None else (len(outcome.hit), outcome.false_alarms)),
         *('' if value is None else f'{value:.9g}' for value in figures)]
 
 

@@ -11,12 +11,22 @@ from typing import Any
 from lowsnr_detect.detector import refuse_late_answers
 from lowsnr_detect.registry import detector_class
 from lowsnr_eval import graph
+from lowsnr_eval.bags.recorded_run import inspect_bag
+from lowsnr_eval.bags.recorded_run import RecordedRun
+from lowsnr_eval.bags.writer import refuse_existing
+from lowsnr_eval.config_files import load_config
+from lowsnr_eval.config_files import parse_override
+from lowsnr_eval.sources import bag_source
+from lowsnr_eval.sources import scenario_source
+from lowsnr_eval.sources import Source
 from lowsnr_sensor.scenario import load_scenario
-from lowsnr_sensor.scenario import Scenario
 
 # Readers of a detector's answers: tracker and evaluator; of ``scored``: sensor and bring-up.
+# A frame's readers are the detectors and the evaluator.  A viewer reads a chain's frames and
+# answers.
 _DETECTION_READERS = 2
 _SCORED_READERS = 2
+_DETECTABLE = '32FC1'
 Layer = dict[str, dict[str, Any]]
 
 
@@ -33,6 +43,13 @@ class RunOptions:
     lockstep: bool = False
     loop: bool = False
     overrides: Sequence[str] = ()
+    record: Path | None = None
+    storage: str = 'mcap'
+    replay: Path | None = None
+    frames_topic: str = '/image_raw'
+    truth_topic: str = '/ground_truth'
+    condition: str = 'auto'
+    view: bool = False
 
 
 @dataclass(frozen=True)
@@ -41,7 +58,8 @@ class RunPlan:
     All that a run needs.
 
     ``parameters`` are by full node name, ``detectors`` the detector instances with their
-    settings by full node name, ``frames`` is None for a run without end.
+    settings by full node name, ``frames`` is None for a run without end, ``notes`` say what is
+    wrong with the bag that is replayed.
     """
 
     name: str
@@ -49,6 +67,13 @@ class RunPlan:
     parameters: Layer
     detectors: dict[str, Any]
     frames: int | None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def frame_bytes(self) -> int:
+        """Size of a frame on the wire, 0 where it is not known."""
+        values = self.parameters[next(iter(self.detectors))]
+        return 4 * values.get('rows', 0) * values.get('cols', 0)
 
 
 def plan_run(options: RunOptions, config_folder: Path) -> RunPlan:
@@ -71,21 +96,65 @@ def plan_run(options: RunOptions, config_folder: Path) -> RunPlan:
     names = list(dict.fromkeys(options.detectors))
     for name in names:
         detector_class(name)
-    nodes = graph.plan(names)
-    config, overrides = graph.load_config(config_folder), _overrides(options, names)
-    path = find_scenario(options.scenario, config_folder / 'scenarios')
-    sensor = graph.parameters(nodes, config, overrides)['/sensor']
-    scenario = load_scenario(
-        path, sensor.get('sensor.frame_period_s', 1.0), sensor.get('sensor.cell_size_m', 1.0))
+    config, overrides = load_config(config_folder), _overrides(options, names)
+    recorded = _inspected(options)
+    conditioned = _conditioned(options, recorded)
+    nodes = graph.plan(
+        names, 'player' if recorded else 'sensor', recorded=options.record is not None,
+        conditioned=conditioned, viewed=options.view)
+    source = _source(options, recorded, nodes, config, overrides, config_folder)
     layers = (
-        _scenario_layer(scenario), config, _option_layer(options), _graph_layer(path, names),
-        overrides)
+        source.defaults, config, source.facts, _option_layer(options),
+        _graph_layer(nodes, source, names), overrides)
     detectors = _build_all(nodes, graph.parameters(nodes, *layers))
     parameters = graph.parameters(nodes, _tracker_layer(nodes, detectors), *layers)
     parameters['/evaluator']['operating_points'] = [
         parameters[node].get('operating_point', 'matched') for node in detectors]
-    frames = None if options.loop else options.frames or scenario.frames
-    return RunPlan('-'.join([path.stem, *names]), nodes, parameters, detectors, frames)
+    frames = None if options.loop else options.frames or source.frames
+    if recorded is not None:
+        frames = min(options.frames or source.frames, source.frames)
+    return RunPlan(
+        '-'.join([source.name, *names]), nodes, parameters, detectors, frames,
+        recorded.notes if recorded else ())
+
+
+def _inspected(options: RunOptions) -> RecordedRun | None:
+    """Check where a run is recorded to; look through the bag that is replayed."""
+    if options.record is not None:
+        refuse_existing(options.record)
+    if options.replay is None:
+        return None
+    if options.loop:
+        raise ValueError('--loop: a bag is replayed once')
+    return inspect_bag(options.replay, options.frames_topic, options.truth_topic)
+
+
+def _conditioned(options: RunOptions, recorded: RecordedRun | None) -> bool:
+    """Return whether the frames pass a conditioner."""
+    if recorded is None:
+        if options.condition == 'on':
+            raise ValueError('--condition on: simulated frames are not conditioned')
+        return False
+    conditioned = recorded.raw if options.condition == 'auto' else options.condition == 'on'
+    if not conditioned and recorded.encoding != _DETECTABLE:
+        raise ValueError(
+            f'{options.replay}: its frames are {recorded.encoding}, and detectors take '
+            f'{_DETECTABLE}: leave out --condition off')
+    return conditioned
+
+
+def _source(
+    options: RunOptions, recorded: RecordedRun | None, nodes: Sequence[graph.Node],
+    config: Layer, overrides: Layer, config_folder: Path,
+) -> Source:
+    if recorded is not None and options.replay is not None:
+        return bag_source(
+            options.replay, (options.frames_topic, options.truth_topic), recorded, nodes, config,
+            overrides)
+    path = find_scenario(options.scenario, config_folder / 'scenarios')
+    sensor = graph.parameters(nodes, config, overrides)['/sensor']
+    return scenario_source(path, load_scenario(
+        path, sensor.get('sensor.frame_period_s', 1.0), sensor.get('sensor.cell_size_m', 1.0)))
 
 
 def find_scenario(text: str, folder: Path) -> Path:
@@ -111,36 +180,38 @@ def find_scenario(text: str, folder: Path) -> Path:
 def _overrides(options: RunOptions, detectors: Sequence[str]) -> Layer:
     layer: Layer = {}
     for text in options.overrides:
-        name, values = graph.parse_override(text, detectors)
+        name, values = parse_override(text, detectors)
         layer.setdefault(name, {}).update(values)
     return layer
 
 
-def _scenario_layer(scenario: Scenario) -> Layer:
-    """Return what the scenario says of the frames; the configuration may say otherwise."""
-    return {graph.EVERY_NODE: {
-        'sensor.snr_db': scenario.snr_db, 'rows': scenario.rows, 'cols': scenario.cols}}
-
-
 def _option_layer(options: RunOptions) -> Layer:
-    every = {'seed': options.seed, 'sensor.snr_db': options.snr_db}
-    sensor = {
+    every: dict[str, Any] = {'seed': options.seed, 'sensor.snr_db': options.snr_db}
+    source = {
         'rate_hz': options.rate_hz, 'frames': options.frames,
         'lockstep': options.lockstep, 'loop': options.loop}
+    recorder = {
+        'storage': options.storage, 'bag': options.record and str(options.record.resolve())}
+    layers: Layer = {
+        graph.EVERY_NODE: every, 'sensor': source, 'player': source, 'recorder': recorder}
     return {
         name: {key: value for key, value in values.items() if value is not None}
-        for name, values in ((graph.EVERY_NODE, every), ('sensor', sensor))}
+        for name, values in layers.items()}
 
 
-def _graph_layer(scenario: Path, names: list[str]) -> Layer:
+def _graph_layer(nodes: Sequence[graph.Node], source: Source, names: list[str]) -> Layer:
     """Return what follows from who is in the graph."""
+    present = {node.name for node in nodes}
+    viewed = int('viewer' in present)  # one for each chain
+    takers = {'consumers': len(names) * (1 + viewed) + 1}
+    first = {'consumers': 1} if 'conditioner' in present else takers
     return {
-        graph.EVERY_NODE: {'autostart': False},
-        'sensor': {'scenario': str(scenario), 'consumers': len(names)},
-        **{f'{name}_detector': {'consumers': _DETECTION_READERS} for name in names},
-        'tracker': {'consumers': 1},
+        graph.EVERY_NODE: {'autostart': False, 'observers': int('recorder' in present)},
+        'sensor': first, 'player': first, 'conditioner': takers,
+        **{f'{name}_detector': {'consumers': _DETECTION_READERS + viewed} for name in names},
+        'tracker': {'consumers': 1 + viewed}, 'viewer': {'consumers': 1},
         'evaluator': {
-            'consumers': _SCORED_READERS, 'scenario': scenario.stem, 'detectors': names,
+            'consumers': _SCORED_READERS, 'scenario': source.name, 'detectors': names,
             'operating_points': names, 'namespaces': len(names) > 1},
     }
 

@@ -19,6 +19,8 @@ class RunSettings:
         ('matched',), 'operating point of each chain, for the summary')
     namespaces: bool = setting(
         False, 'whether each chain has its topics in a namespace of its name')
+    truth: bool = setting(
+        True, 'whether truth comes with the frames; without it what is declared is counted alone')
     answer_within_s: float = setting(
         10.0, 'wall time after which a frame counts as unanswered [s]', gt=0.0)
 

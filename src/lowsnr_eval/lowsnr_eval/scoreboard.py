@@ -24,6 +24,9 @@ from lowsnr_sensor.records import Truth
 import numpy as np
 
 LEVELS = ('detection', 'tracking')
+_NEED_TRUTH = (
+    'frames_with_object', 'frames_without_object', 'objects_present', 'hits', 'frames_false',
+    'false_alarms', 'appearances', 'appearances_hit')
 
 
 class Scoreboard:
@@ -44,10 +47,11 @@ class Scoreboard:
         self.frames = 0
         self.unanswered = 0
         self._tallies = {name: {level: _Tally() for level in LEVELS} for name in detectors}
-        self._latencies_ms = {name: array('d') for name in detectors}
+        self._latencies_ms = {name: (array('d'), array('d')) for name in detectors}
 
     def score_frame(
-        self, frame: int, stamp_s: float, truth: Sequence[Truth], answers: Mapping[str, Answer],
+        self, frame: int, stamp_s: float, truth: Sequence[Truth] | None,
+        answers: Mapping[str, Answer],
     ) -> list[FrameScore]:
         """
         Score one frame; frames come in order.
@@ -59,7 +63,7 @@ class Scoreboard:
         stamp_s
             Its time [s].
         truth
-            Objects present in it.
+            Objects present in it, None where that is not known.
         answers
             The answer of each chain by the name of its detector; none for a silent one.
 
@@ -69,12 +73,14 @@ class Scoreboard:
             One for each chain and level, in the order of the chains.
 
         """
-        objects = tuple(item.id for item in truth)
+        objects = None if truth is None else tuple(item.id for item in truth)
         scores = []
         for name, tallies in self._tallies.items():
             answer = answers.get(name, Answer())
-            if answer.latency_ms is not None:
-                self._latencies_ms[name].append(answer.latency_ms)
+            for times, each in zip(
+                    self._latencies_ms[name], (answer.latency_ms, answer.detection_ms)):
+                if each is not None:
+                    times.append(each)
             for level, estimates in zip(LEVELS, (answer.detections, answer.tracks)):
                 outcome = None
                 if estimates is not None:
@@ -89,7 +95,8 @@ class Scoreboard:
         """Return the figures of every chain so far; None for those that do not exist."""
         return {
             name: {level: tally.figures() for level, tally in tallies.items()}
-            | {'latency_ms': _percentiles(self._latencies_ms[name])}
+            | {key: _percentiles(times) for key, times in zip(
+                ('latency_ms', 'detection_latency_ms'), self._latencies_ms[name])}
             for name, tallies in self._tallies.items()
         }
 
@@ -99,8 +106,7 @@ class _Tally:
 
     def __init__(self) -> None:
         self._counts = dict.fromkeys((
-            'unanswered', 'frames_with_object', 'frames_without_object', 'objects_present',
-            'hits', 'frames_false', 'false_alarms', 'appearances', 'appearances_hit'), 0)
+            'unanswered', 'frames_without_truth', 'declared', *_NEED_TRUTH), 0)
         self._position, self._velocity = RootMeanSquare(), RootMeanSquare()
         self._gospa = RootMeanSquare()
         self._present: set[str] = set()
@@ -112,6 +118,10 @@ class _Tally:
         outcome, counts = score.outcome, self._counts
         if outcome is None:
             counts['unanswered'] += 1
+            return
+        counts['declared'] += outcome.declared
+        if score.objects is None or outcome.false_alarms is None or outcome.gospa_m is None:
+            counts['frames_without_truth'] += 1
             return
         if score.objects:
             counts['frames_with_object'] += 1
@@ -127,7 +137,7 @@ class _Tally:
 
     def _note_appearances(self, score: FrameScore) -> None:
         """Count the frames from an object's appearance to its first hit."""
-        present = set(score.objects)
+        present = set(score.objects or ())
         for name in present - self._present:
             self._not_yet_hit[name] = score.frame
             self._counts['appearances'] += 1
@@ -140,6 +150,9 @@ class _Tally:
     def figures(self) -> dict[str, Any]:
         hits, objects = self._counts['hits'], self._counts['objects_present']
         false, empty = self._counts['frames_false'], self._counts['frames_without_object']
+        counts: dict[str, int | None] = dict(self._counts)
+        if self._counts['frames_without_truth'] and not empty + self._counts['frames_with_object']:
+            counts |= dict.fromkeys(_NEED_TRUTH)
         return {
             'pd': ratio(hits, objects),
             'pd_interval': wilson_interval(hits, objects),
@@ -150,7 +163,7 @@ class _Tally:
             'rmse_position_m': self._position.value,
             'rmse_velocity_mps': self._velocity.value,
             'gospa_m': self._gospa.value,
-            **self._counts,
+            **counts,
             'hits_with_velocity': self._velocity.count,
         }
 

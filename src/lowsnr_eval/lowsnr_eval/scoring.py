@@ -50,12 +50,14 @@ class Answer:
     """
     What a chain answered to one frame; None for what it did not answer.
 
-    ``latency_ms`` is the wall time from the frame to the end of the chain.
+    ``latency_ms`` is the wall time from the frame to the end of the chain, of which
+    ``detection_ms`` had passed when the detections came.
     """
 
     detections: Sequence[Estimate] | None = None
     tracks: Sequence[Estimate] | None = None
     latency_ms: float | None = None
+    detection_ms: float | None = None
 
 
 @dataclass(frozen=True)
@@ -65,15 +67,16 @@ class Outcome:
 
     ``declared`` counts the estimates, ``hit`` has the ids of the objects that were hit, in
     the order of ``position_errors_m``, (hits,) [m].  ``velocity_errors_mps`` holds only those
-    hits whose velocity was estimated [m/s].
+    hits whose velocity was estimated [m/s].  Without truth there is no hit, and neither false
+    alarms nor GOSPA.
     """
 
     declared: int
     hit: tuple[str, ...]
-    false_alarms: int
+    false_alarms: int | None
     position_errors_m: np.ndarray
     velocity_errors_mps: np.ndarray
-    gospa_m: float
+    gospa_m: float | None
 
     @property
     def rmse_position_m(self) -> float | None:
@@ -88,25 +91,31 @@ class Outcome:
 
 @dataclass(frozen=True)
 class FrameScore:
-    """One chain at one level in one frame; ``outcome`` is None where it did not answer."""
+    """
+    One chain at one level in one frame.
+
+    ``outcome`` is None where it did not answer, ``objects`` where the truth is not known.
+    """
 
     frame: int
     stamp_s: float
     detector: str
     level: str
-    objects: tuple[str, ...]
+    objects: tuple[str, ...] | None
     outcome: Outcome | None
 
 
 def compare(
-    truth: Sequence[Truth], estimates: Sequence[Estimate], evaluation: Evaluation,
+    truth: Sequence[Truth] | None, estimates: Sequence[Estimate], evaluation: Evaluation,
 ) -> Outcome:
     """
-    Compare the estimates of one frame with the objects present in it.
+    Compare the estimates of one frame with the objects present in it, where they are known.
 
     Each object is hit by at most one estimate and each estimate hits at most one object.
     A further estimate within the gate of an object is no hit, but no false alarm either.
     """
+    if truth is None:
+        return Outcome(len(estimates), (), None, np.empty(0), np.empty(0), None)
     true, found = _states(truth), _states(estimates)
     distance = distances(true[:, POS], found[:, POS])
     rows, columns = match_within_gate(distance, evaluation.gate_m)

@@ -47,12 +47,12 @@ def format_table(summary: Mapping[str, Any]) -> str:
 
 
 def _row(name: str, level: str, figures: Mapping[str, Any]) -> tuple[str, ...]:
-    answered = figures['frames_with_object'] + figures['frames_without_object'] > 0
+    scored = (figures['frames_with_object'] or 0) + (figures['frames_without_object'] or 0) > 0
     return (
         name, level,
         _share(figures['pd'], figures['pd_interval'], 2),
         _share(figures['pfa_per_frame'], figures['pfa_interval'], 3),
-        str(figures['false_alarms']) if answered else '-',
+        str(figures['false_alarms']) if scored else '-',
         _number(figures['first_detection_latency_frames'], 1),
         _number(figures['rmse_position_m'], 2),
         _number(figures['rmse_velocity_mps'], 2),
@@ -63,11 +63,18 @@ def _row(name: str, level: str, figures: Mapping[str, Any]) -> tuple[str, ...]:
 def _note(name: str, figures: Mapping[str, Any]) -> str:
     """Say what the figures of a chain rest on, and how long an answer took."""
     counts, latency = figures['tracking'], figures['latency_ms']
+    seen = (
+        f'{counts["frames_with_object"]} frames with object, '
+        f'{counts["frames_without_object"]} frames without object')
+    if counts['frames_with_object'] is None:
+        seen = (f'{counts["frames_without_truth"]} frames without truth, in which '
+                f'{figures["detection"]["declared"]} detections and {counts["declared"]} tracks '
+                'were declared')
+    detected = figures['detection_latency_ms']['median']
     return (
-        f'{name}: {counts["frames_with_object"]} frames with object, '
-        f'{counts["frames_without_object"]} frames without object; '
-        f'frame to track {_number(latency["median"], 1)} ms (median), '
-        f'{_number(latency["p99"], 1)} ms (99 %)')
+        f'{name}: {seen}\n{name}: frame to detections {_number(detected, 1)} ms (median), to '
+        f'tracks {_number(latency["median"], 1)} ms (median), {_number(latency["p99"], 1)} ms '
+        '(99 %)')
 
 
 def _share(value: float | None, interval: list[float] | None, digits: int) -> str:

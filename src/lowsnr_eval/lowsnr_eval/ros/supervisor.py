@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import os
 from pathlib import Path
 import signal
+import sys
 import time
 from typing import Any
 
@@ -60,6 +61,7 @@ class Supervisor:
         self._environment = environment
         self._signal = 0
         self._source: NodeProcess | None = None
+        self._missed: set[Node] = set()  # not needed and gone
 
     def run(self) -> tuple[int, str]:
         """Run the graph; return the exit status, and what went wrong or nothing."""
@@ -110,10 +112,16 @@ class Supervisor:
                 break
 
     def _end(self, within_s: float) -> None:
-        """Deactivate from the source on, the evaluator last, so that it writes its summary."""
+        """
+        Deactivate from the source on, so that the evaluator sums up what all the others said.
+
+        A recorder comes after all: it has to hear them.
+        """
         self._check_enabled = False
         dead = {member.node for member in self._group.dead()}
-        for node in reversed(self._nodes):
+        recorders = [node for node in self._nodes if node.name == 'recorder']
+        others = [node for node in reversed(self._nodes) if node not in recorders]
+        for node in others + recorders:
             if node in dead:
                 continue
             try:
@@ -130,10 +138,15 @@ class Supervisor:
         if self._signal:
             raise Interrupted
         for member in self._group.dead():
-            if member is not self._source or member.process.returncode != 0:
-                raise GraphFailure(
-                    f'{member.node.label} {member.death()} at frame {self._manager.scored}; '
-                    f'the end of {member.log}:\n{member.last_lines()}')
+            if member is self._source and member.process.returncode == 0:
+                continue
+            report = (f'{member.node.label} {member.death()} at frame {self._manager.scored}; '
+                      f'the end of {member.log}:\n{member.last_lines()}')
+            if member.node.needed or not self._manager.scored:
+                raise GraphFailure(report)
+            if member.node not in self._missed:
+                self._missed.add(member.node)
+                tqdm.write(f'the run goes on without {report}', file=sys.stderr)
 
     def _source_done(self) -> bool:
         return self._source is not None and self._source.process.poll() == 0

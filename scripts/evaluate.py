@@ -1,0 +1,103 @@
+"""Score the detections and tracks of a recorded run against its truth; no node is started."""
+
+import argparse
+from dataclasses import replace
+import json
+from pathlib import Path
+import shlex
+import sys
+from typing import NoReturn
+from typing import TYPE_CHECKING
+
+import _environment
+
+if TYPE_CHECKING:
+    from lowsnr_eval.bags.reader import Bag
+
+ROOT = Path(__file__).resolve().parents[1]
+CONFIG = ROOT / 'config'
+DONE, USAGE, INTERRUPTED = 0, 2, 130
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser that says what is wrong in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print the message alone and end with the status of a usage error."""
+        self.exit(USAGE, f'{self.prog}: {message}\n')
+
+
+def parse_arguments(arguments: list[str]) -> argparse.Namespace:
+    """Return the options; ``--help`` and errors end here."""
+    parser = Parser(
+        prog='evaluate.py', description=__doc__, allow_abbrev=False,
+        epilog='example: python scripts/evaluate.py bags/monday; exit code: 0 done, 2 usage '
+        'error or a bag that cannot be scored, 130 after Ctrl-C')
+    parser.add_argument('bag', type=Path, metavar='BAG', help='folder of a rosbag2 bag, or a file')
+    parser.add_argument(
+        '--results', type=Path, metavar='DIR',
+        help='folder for results (default: results/BAG-evaluated, or that with a number)')
+    parser.add_argument(
+        '--frames-topic', metavar='TOPIC',
+        help='topic of the frames, for the report (default: /image_raw, or conditioned)')
+    parser.add_argument(
+        '--truth-topic', metavar='TOPIC',
+        help='topic of the truth (default: /ground_truth, or conditioned)')
+    return parser.parse_args(arguments)
+
+
+def main() -> int:
+    """Score; return the exit code."""
+    _environment.ensure()
+    options = parse_arguments(sys.argv[1:])
+    from lowsnr_eval.bags.reader import Bag
+    try:
+        with Bag(options.bag) as bag:
+            folder = score(bag, options)
+            for note in bag.notes:
+                print(f'evaluate.py: {note}', file=sys.stderr)
+    except ValueError as error:
+        print(f'evaluate.py: {error}', file=sys.stderr)
+        return USAGE
+    report(folder)
+    return DONE
+
+
+def score(bag: 'Bag', options: argparse.Namespace) -> Path:
+    """Score a bag; return the folder of the results."""
+    from lowsnr_eval.bags.recorded_chains import find_chains
+    from lowsnr_eval.bags.recording import CUSTOM_PARAMETERS
+    from lowsnr_eval.config_files import load_config
+    from lowsnr_eval.judge import Judge
+    from lowsnr_eval.results import fresh_folder
+    from lowsnr_eval.ros.recorded_messages import feed
+    from lowsnr_eval.run_report import PARAMETERS_FILE
+
+    chains = find_chains(bag, load_config(CONFIG), options.frames_topic, options.truth_topic)
+    folder = fresh_folder(
+        options.results or ROOT / 'results' / f'{options.bag.resolve().stem}-evaluated')
+    run = replace(chains.run, results=str(folder))
+    if CUSTOM_PARAMETERS in bag.custom:
+        (folder / PARAMETERS_FILE).write_text(bag.custom[CUSTOM_PARAMETERS], encoding='utf-8')
+    with Judge(run, chains.evaluation, chains.seed, bag.notes.append) as judge:
+        feed(bag, chains, judge)
+        judge.write_summary()
+    return folder
+
+
+def report(folder: Path) -> None:
+    """Print the figures and write the page that shows the run."""
+    from lowsnr_eval.run_report import write_run_report
+    from lowsnr_eval.table import format_table
+
+    print(format_table(json.loads((folder / 'summary.json').read_text(encoding='utf-8'))))
+    print(f'results in {folder}')
+    command = shlex.join(['python', 'scripts/evaluate.py', *sys.argv[1:]])
+    print(f'report: {write_run_report(folder, command)}')
+
+
+if __name__ == '__main__':
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit(INTERRUPTED)

@@ -1,0 +1,1 @@
+"""Recorded runs and real frames: bags written, read, repaired, replayed, and made of files."""

@@ -1,0 +1,57 @@
+"""The definitions and hashes of message types, as the packages that define them installed them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+import json
+import os
+from pathlib import Path
+import sys
+
+_RULE = '=' * 80
+
+
+@dataclass(frozen=True)
+class TypeDefinition:
+    """
+    A message type as a bag keeps it.
+
+    ``text`` is the definition of the type and of all that it refers to, ``digest`` the hash
+    that DDS advertises for it.
+    """
+
+    text: str
+    digest: str
+
+
+@cache
+def type_definition(msgtype: str) -> TypeDefinition:
+    """
+    Return the definition of a type such as ``sensor_msgs/msg/Image``.
+
+    Raises
+    ------
+    ValueError
+        If its package is not installed.
+
+    """
+    described = json.loads(_installed(msgtype, '.json').read_text(encoding='utf-8'))
+    description = described['type_description_msg']
+    referred = sorted(
+        item['type_name'] for item in description['referenced_type_descriptions'])
+    parts = [_installed(msgtype, '.msg').read_text(encoding='utf-8')]
+    for name in referred:
+        text = _installed(name, '.msg').read_text(encoding='utf-8')
+        parts.append(f'{_RULE}\nMSG: {name.replace("/msg/", "/")}\n{text}')
+    digests = {item['type_name']: item['hash_string'] for item in described['type_hashes']}
+    return TypeDefinition('\n'.join(parts), digests[msgtype])
+
+
+def _installed(msgtype: str, suffix: str) -> Path:
+    package, *folders, name = msgtype.split('/')
+    for prefix in [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]:
+        path = Path(prefix, 'share', package, *folders, f'{name}{suffix}')
+        if prefix and path.is_file():
+            return path
+    raise ValueError(f'{msgtype}: no installed package defines this message type')

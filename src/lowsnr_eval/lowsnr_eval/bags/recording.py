@@ -1,0 +1,61 @@
+"""What a recorder counts, and what it leaves in the bag's metadata."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import json
+from pathlib import Path
+
+from lowsnr_eval.bags.writer import METADATA_FILE
+import yaml
+
+CUSTOM_PARAMETERS = 'lowsnr_parameters'
+CUSTOM_LOSSES = 'lowsnr_losses'
+
+
+@dataclass
+class Tally:
+    """
+    The messages of one topic.
+
+    The only publisher of a topic numbers its messages from 1, so that each one lost shows as a
+    gap after the ``last`` that came; it is 0 before the first, and None where the publisher may
+    have begun before.  Where several publish, ``reported`` counts those that the middleware says
+    it lost.
+    """
+
+    received: int = 0
+    reported: int = 0
+    shared: bool = False
+    last: int | None = None
+    _gaps: int = 0
+
+    @property
+    def lost(self) -> int:
+        """Return the number of messages that were sent and did not come."""
+        return self.reported if self.shared else self._gaps
+
+    def add(self, number: int) -> None:
+        """Count a message by its publisher's number."""
+        self.received += 1
+        if self.last is not None:
+            # A smaller number is that of a publisher that was started again.
+            self._gaps += max(0, number - self.last - 1)
+        self.last = number
+
+
+def describe_bag(folder: Path) -> str:
+    """Say in a line what a recorder left in a folder."""
+    try:
+        tree = yaml.safe_load((folder / METADATA_FILE).read_text(encoding='utf-8'))
+    except OSError:
+        return f'nothing was recorded in {folder}'
+    information = tree['rosbag2_bagfile_information']
+    losses = (information['custom_data'] or {}).get(CUSTOM_LOSSES)
+    if losses is None:
+        return f'recording ended early; the bag in {folder} is good up to there'
+    lost = json.loads(losses)
+    each = ', '.join(f'{count} on {name}' for name, count in lost.items())
+    return (f'recorded {information["message_count"]} messages on '
+            f'{len(information["topics_with_message_count"])} topics in {folder}, '
+            f'{sum(lost.values())} lost' + (f': {each}' if each else ''))

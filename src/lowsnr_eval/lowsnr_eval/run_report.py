@@ -1,0 +1,104 @@
+"""The report of one run of the node graph: the frames played back, and the curves below."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+import csv
+from itertools import product
+import json
+from pathlib import Path
+
+from lowsnr_eval import figures
+from lowsnr_eval import pages
+from lowsnr_eval.pages import Markup
+from lowsnr_eval.player import player
+from lowsnr_eval.player import SCRIPT
+from lowsnr_eval.results import FRAMES_FILE
+from lowsnr_eval.results import SUMMARY_FILE
+from lowsnr_eval.scene import read_scene
+from lowsnr_eval.scene import SCENE_FILE
+from lowsnr_eval.table import format_table
+import numpy as np
+
+REPORT_FILE = 'report.html'
+PARAMETERS_FILE = 'parameters.yaml'
+# More dots than these are a grey cloud and a large file.
+_MOST_DOTS = 250
+_MEASURES = ('hits', 'rmse_position_m', 'rmse_velocity_mps', 'gospa_m')
+
+
+def write_run_report(folder: Path, command: str) -> Path:
+    """
+    Write ``report.html`` into the results folder of a run.
+
+    Parameters
+    ----------
+    folder
+        Folder with ``summary.json`` and ``frames.csv``, and, for the animation, with what
+        :class:`lowsnr_eval.scene.SceneWriter` keeps.
+    command
+        How to run again.
+
+    Returns
+    -------
+    Path
+        The report.
+
+    """
+    summary = json.loads((folder / SUMMARY_FILE).read_text(encoding='utf-8'))
+    sections, script = [], ''
+    if (folder / SCENE_FILE).is_file():
+        lines, frames = read_scene(folder)
+        if any(frame is not None for frame in frames):
+            scored = summary['frames']['scored'] + summary['frames']['unanswered']
+            sections.append(pages.section('Frames', player(lines, frames, scored)))
+            script = SCRIPT
+    sections += [
+        pages.section('Figures', pages.preformatted(format_table(summary))),
+        pages.section('Frame by frame', _curves(folder, list(summary['detectors']))),
+        pages.section('How to run again', pages.preformatted(command), pages.versions())]
+    if (folder / PARAMETERS_FILE).is_file():
+        text = (folder / PARAMETERS_FILE).read_text(encoding='utf-8')
+        sections.append(pages.section(
+            'Parameters', pages.folded(PARAMETERS_FILE, pages.preformatted(text))))
+    title = f'{summary["scenario"]}: {", ".join(summary["detectors"])}'
+    path = folder / REPORT_FILE
+    path.write_text(pages.page(title, sections, script), encoding='utf-8')
+    return path
+
+
+def _curves(folder: Path, names: list[str]) -> Markup:
+    """Draw what ``frames.csv`` holds, for detections and tracks of every chain."""
+    read: dict[tuple[str, str, str], dict[int, float]] = defaultdict(dict)
+    present, count = set(), 0
+    with (folder / FRAMES_FILE).open(encoding='utf-8', newline='') as file:
+        for row in csv.DictReader(file):
+            count = int(row['frame'])
+            if int(row['objects'] or 0):
+                present.add(count)
+            for measure in _MEASURES:
+                if row[measure] and (measure != 'hits' or count in present):
+                    read[row['detector'], row['level'], measure][count] = float(row[measure])
+    if not count:
+        return Markup('<p>No frame was scored.</p>')
+    width = -(-count // _MOST_DOTS)
+    curves = {key: _means(read[key], count, width)
+              for key in product(names, ('detection', 'tracking'), _MEASURES)}
+    shaded = sorted(present) if width == 1 else ()
+    caption = ('The shaded frames hold an object.' if width == 1
+               else f'Each dot is the mean of {width} frames.')
+    return pages.picture(
+        figures.render(figures.single_run(names, _MEASURES, curves, shaded))[0], caption)
+
+
+def _means(values: dict[int, float], count: int, width: int) -> np.ndarray:
+    """Return values by frame as a curve, (count,); of more than one frame the mean, in one."""
+    curve = np.full(-(-count // width) * width, np.nan)
+    curve[np.array(list(values), dtype=int) - 1] = list(values.values())
+    blocks = curve.reshape(-1, width)
+    known = np.isfinite(blocks)
+    total, number = np.where(known, blocks, 0.0).sum(axis=1), known.sum(axis=1)
+    means = np.full_like(blocks, np.nan)
+    means[:, width // 2] = np.divide(
+        total, number, out=np.full(len(blocks), np.nan), where=number > 0)
+    return means.ravel()[:count]

@@ -1,0 +1,236 @@
+"""The report of a run, and the animation in it, in a real browser."""
+
+import json
+import re
+
+from browser import browser
+from lowsnr_eval import scene as scene_module
+from lowsnr_eval.results import ResultsWriter
+from lowsnr_eval.results import summarize
+from lowsnr_eval.run_report import write_run_report
+from lowsnr_eval.scene import read_scene
+from lowsnr_eval.scene import reduced
+from lowsnr_eval.scene import reduction
+from lowsnr_eval.scene import SceneWriter
+from lowsnr_eval.scoreboard import Scoreboard
+from lowsnr_eval.scoring import Answer
+from lowsnr_eval.scoring import Evaluation
+from lowsnr_sensor.records import Estimate
+from lowsnr_sensor.records import Truth
+import numpy as np
+import pytest
+
+FRAMES, SHAPE = 8, (7, 5)
+NUMBER = "document.getElementById('number').textContent"
+# The colour of the middle of the first cell.
+FIRST_CELL = """Array.from(document.getElementById('view').getContext('2d')
+    .getImageData(5, 5, 1, 1).data).join()"""
+
+
+def tracked(x, y, name=''):
+    return Estimate(np.array([x, 0.5, y, 0.0]), np.eye(4), 0.9, name)
+
+
+def score(folder, frames):
+    """Score frames of (truth, answer) as the evaluator does."""
+    board = Scoreboard(Evaluation(), ['sdt'])
+    with ResultsWriter(folder) as writer:
+        for k, (truth, answer) in enumerate(frames, start=1):
+            writer.add_scores(board.score_frame(k, float(k), truth, {'sdt': answer}))
+        writer.write_summary(summarize(board, scenario='made up', seed=0, published=len(frames)))
+
+
+@pytest.fixture
+def folder(tmp_path, rng):
+    """Return the results of a run of one object, seen from frame 3 on."""
+    frames = []
+    with SceneWriter(tmp_path, 1.0) as scene:
+        for k in range(1, FRAMES + 1):
+            truth = [Truth('</script>', np.array([k / 2, 0.5, 3.0, 0.0]))] if k > 2 else []
+            found = [tracked(k / 2, 3.2)] if k > 3 else []
+            answer = Answer(found, [tracked(k / 2, 3.1, '4')] if k > 5 else [], 1.0)
+            frame = rng.standard_normal(SHAPE)
+            # The first cell is black in odd frames and white in even ones.
+            frame[0, 0] = 9.0 if k % 2 == 0 else -9.0
+            scene.see(k, frame)
+            scene.say(k, k, truth, {'sdt': answer})
+            frames.append((truth, answer))
+    score(tmp_path, frames)
+    (tmp_path / 'parameters.yaml').write_text('a: <b>\n')
+    return tmp_path
+
+
+def test_scene_is_read_back(folder):
+    lines, frames = read_scene(folder)
+    assert [line['frame'] for line in lines] == list(range(1, FRAMES + 1))
+    assert lines[4]['truth'] == [[2.5, 3.0, '</script>']]
+    assert lines[5]['chains']['sdt']['tracks'] == [[3.0, 3.1, '4']]
+    assert all(frame.shape == SHAPE for frame in frames)
+    assert frames[1][0, 0] == 9.0
+
+
+def test_marks_are_in_cells_and_those_without_a_place_are_left_out(tmp_path):
+    with SceneWriter(tmp_path, 0.5) as scene:
+        scene.see(1, np.zeros(SHAPE))
+        scene.say(1, 1, [], {'sdt': Answer([tracked(1.0, 2.0), tracked(np.nan, 2.0)], None)})
+    lines, _ = read_scene(tmp_path)
+    assert lines[0]['chains']['sdt'] == {'detections': [[2.0, 4.0, '']], 'tracks': []}
+
+
+def test_frame_and_what_is_said_of_it_meet_in_any_order(tmp_path):
+    with SceneWriter(tmp_path, 1.0) as scene:
+        scene.say(1, 10, [], {})
+        scene.see(10, np.full(SHAPE, 1.0))
+        scene.see(20, np.full(SHAPE, 2.0))
+        scene.say(2, 20, [], {})
+        scene.say(3, 30, [], {})  # its frame does not come
+        scene.see(35, np.full(SHAPE, 3.5))  # nothing is said of this one
+        scene.see(40, np.full(SHAPE, 4.0))
+        scene.say(4, 40, [], {})
+        scene.say(5, 50, [], {})  # nor does this one's, to the end
+    lines, frames = read_scene(tmp_path)
+    assert [line['frame'] for line in lines] == [1, 2, 3, 4, 5]
+    assert [None if f is None else f[0, 0] for f in frames] == [1.0, 2.0, None, 4.0, None]
+
+
+def test_what_waits_for_its_other_half_is_bounded(tmp_path):
+    with SceneWriter(tmp_path, 1.0) as scene:
+        for k in range(1000):
+            scene.see(k, np.zeros(SHAPE))
+        for k in range(1000):
+            scene.say(k, k, [], {})
+    lines, frames = read_scene(tmp_path)
+    assert len(lines) == 1000
+    assert sum(frame is not None for frame in frames) == scene_module.WAITING
+
+
+def test_large_frame_is_reduced_to_its_brightest_cells(rng):
+    assert reduction((256, 320)) == 1
+    assert reduction((1024, 1024)) == 3
+    assert (reduction((16384, 16384)) ** 2) * 2**17 >= 16384**2
+    frame = rng.standard_normal((7, 11))
+    expected = [[frame[r:r + 3, c:c + 3].max() for c in range(0, 11, 3)] for r in range(0, 7, 3)]
+    assert np.array_equal(reduced(frame, 3), np.float32(expected))
+
+
+@pytest.mark.parametrize('frame', [np.zeros((30, 40)), None])
+def test_scene_on_disk_is_bounded(tmp_path, monkeypatch, frame):
+    monkeypatch.setattr(scene_module, '_BUDGET', 10_000)
+    with SceneWriter(tmp_path, 1.0) as scene:
+        for k in range(1, 1001):
+            if frame is not None:
+                scene.see(k, frame)
+            scene.say(k, k, [], {'sdt': Answer([tracked(1.0, 2.0)], [])})
+    assert scene.full
+    lines, _ = read_scene(tmp_path)
+    assert 1 < len(lines) < 1000
+    assert (tmp_path / 'frames.f32').stat().st_size <= 40_000
+    assert (tmp_path / 'scene.jsonl').stat().st_size <= 10_000
+
+
+def test_full_disk_ends_the_scene_and_nothing_else(tmp_path):
+    (tmp_path / 'frames.f32').symlink_to('/dev/full')
+    with SceneWriter(tmp_path, 1.0) as scene:
+        scene.see(1, np.zeros(SHAPE))
+        scene.say(1, 1, [], {})
+        assert scene.full
+        scene.say(2, 2, [], {})
+    assert (tmp_path / 'scene.jsonl').read_text() == ''
+
+
+def test_line_cut_off_by_a_crash_is_left_out(folder):
+    whole = (folder / 'scene.jsonl').read_text()
+    (folder / 'scene.jsonl').write_text(whole[:-20])
+    assert len(read_scene(folder)[0]) == FRAMES - 1
+    assert '<canvas' in write_run_report(folder, 'again').read_text()
+
+
+def test_report_holds_all_there_is_to_say(folder):
+    report = write_run_report(folder, 'python scripts/bringup.py --seed 3').read_text()
+    assert 'bringup.py --seed 3' in report
+    assert 'a: &lt;b&gt;' in report
+    assert 'GOSPA' in report
+    assert 'http' not in report.replace('http-equiv', '')
+    # Nothing of the run ends the element that holds its data.
+    data = re.search(r'id="scene">(.*?)</script>', report, re.DOTALL)[1]
+    assert json.loads(data)['lines'][4]['truth'][0][2] == '</script>'
+
+
+def test_report_says_what_it_does_not_show(tmp_path, monkeypatch):
+    monkeypatch.setattr(scene_module, '_MOST_CELLS', 20)
+    with SceneWriter(tmp_path, 1.0) as scene:
+        scene.see(1, np.zeros(SHAPE))
+        scene.say(1, 1, [], {})
+    score(tmp_path, [([], Answer([], []))] * 3)
+    report = write_run_report(tmp_path, 'again').read_text()
+    assert 'Shown are the first 1 of 3 frames.' in report
+    assert 'A pixel is the brightest of 2 x 2 cells.' in report
+
+
+def test_report_without_a_scene_has_no_animation(folder):
+    (folder / 'scene.jsonl').unlink()
+    report = write_run_report(folder, 'again').read_text()
+    assert '<canvas' not in report
+    assert 'Frame by frame' in report
+
+
+def test_report_of_a_run_that_scored_nothing(tmp_path):
+    score(tmp_path, [])
+    assert 'No frame was scored.' in write_run_report(tmp_path, 'again').read_text()
+
+
+def test_report_of_a_long_run_is_small(tmp_path):
+    truth = [Truth('1', np.array([1.0, 0.0, 2.0, 0.0]))]
+    answer = Answer([tracked(1.0, 2.2)], [])
+    score(tmp_path, [(truth, answer), ([], answer), ([], Answer())] * 1000)
+    report = write_run_report(tmp_path, 'again')
+    assert 'Each dot is the mean of 12 frames.' in report.read_text()
+    assert report.stat().st_size < 2e6
+
+
+def test_animation_steps_in_a_browser_and_asks_for_nothing(folder, tmp_path, require_program):
+    report = write_run_report(folder, 'again')
+    with browser(require_program('chromium'), tmp_path / 'profile') as page:
+        page.load(report)
+        assert page.value(NUMBER) == 'frame 1: 0 objects, 0 detections, 0 tracks'
+        assert page.value(FIRST_CELL) == '0,0,0,255'
+        page.click('#forward')
+        assert page.value(NUMBER) == 'frame 2: 0 objects, 0 detections, 0 tracks'
+        assert page.value(FIRST_CELL) == '255,255,255,255'
+        page.press('ArrowRight')
+        assert page.value(NUMBER) == 'frame 3: 1 object, 0 detections, 0 tracks'
+        page.click('#back')
+        assert page.value(NUMBER).startswith('frame 2:')
+        page.click('#slider')
+        assert page.value(NUMBER).startswith(('frame 4:', 'frame 5:'))
+        page.value("document.getElementById('slider').value = 7, "
+                   "document.getElementById('slider').dispatchEvent(new Event('input'))")
+        page.value('document.activeElement.blur()')
+        page.press('ArrowRight')  # there is nothing after the last
+        assert page.value(NUMBER) == 'frame 8: 1 object, 1 detection, 1 track'
+        page.screenshot(tmp_path / 'seen.png')
+        assert page.value('Array.from(document.images).map(i => i.naturalWidth > 0)') == [True]
+        asked = [address for address in page.requests if not address.startswith('data:')]
+        assert (asked, page.errors) == ([report.as_uri()], [])
+
+
+def test_animation_of_frames_that_are_missing_or_change_their_size(tmp_path, require_program):
+    with SceneWriter(tmp_path, 1.0) as scene:
+        for k, shape in enumerate((None, SHAPE, None, (14, 10)), start=1):
+            if shape:
+                scene.see(k, np.zeros(shape))
+            scene.say(k, k, [], {'b': Answer([tracked(1.0, 2.0)], []), 'a': Answer()})
+    score(tmp_path, [([], Answer([], []))] * 4)
+    report = write_run_report(tmp_path, 'again')
+    with browser(require_program('chromium'), tmp_path / 'profile') as page:
+        page.load(report)
+        nothing, size = 'objects, 0 detections, 0 tracks', '[view.width, view.height]'
+        assert page.value(NUMBER) == f'frame 1 (did not come): 0 {nothing}'
+        assert page.value(size) == [500, 700]
+        page.value("get('chain').value = 'b', get('chain').dispatchEvent(new Event('change'))")
+        assert page.value(NUMBER) == 'frame 1 (did not come): 0 objects, 1 detection, 0 tracks'
+        for expected in ('frame 2:', 'frame 3 (did not come):', 'frame 4:'):
+            page.click('#forward')
+            assert page.value(NUMBER).startswith(expected)
+        assert page.value(size) == [500, 700]
+        assert page.errors == []

@@ -1,0 +1,95 @@
+"""
+Real sequences from file to bag to graph: conditioner, detector and tracker follow the object.
+
+The sequences lie in shared/data beside the checkout, and are no part of it: a checkout without
+them skips these tests, save under ``CI=true``, where they must be there.
+"""
+
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+from lowsnr_eval.bags.reader import Bag
+from lowsnr_sensor.conditioning import ConditioningSettings
+from lowsnr_sensor.ros import messages
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+DATA = ROOT.parent / 'shared' / 'data'
+GATE_CELLS = 2.5
+
+
+def sequence(name):
+    """Return the arrays of a sequence, or end the test without them."""
+    path = DATA / f'{name}.npz'
+    if not path.is_file():
+        end = pytest.fail if os.environ.get('CI') == 'true' else pytest.skip
+        end(f'needs the sequence {path}, which is not there')
+    with np.load(path) as archive:
+        return path, dict(archive)
+
+
+@pytest.fixture
+def replayed(bringup, tmp_path):
+    """Return a function that replays a sequence and returns its confirmed tracks by frame."""
+    def run(path, detector):
+        bag = tmp_path / 'frames'
+        subprocess.run(
+            [sys.executable, str(ROOT / 'scripts' / 'convert.py'), str(path), '--out', str(bag)],
+            check=True, timeout=120, capture_output=True)
+        recorded = tmp_path / 'recorded'
+        started = bringup(
+            '--replay', str(bag), '--detector', detector, '--snr', '8', '--lockstep',
+            '--record', str(recorded))
+        code, _, err = started.finish(within_s=400.0)
+        assert code == 0, err
+        frames = started.summary()['frames']
+        assert frames['unanswered'] == 0
+        return tracks_of(recorded, frames['published'])
+    return run
+
+
+def tracks_of(bag, count):
+    """Return the places x, y of the confirmed tracks of every frame, in cells."""
+    answers = {}
+    with Bag(bag) as recorded:
+        for message in recorded.messages({'/tracks'}):
+            array = recorded.read(message)
+            answers[messages.stamp_key(array.header.stamp)] = np.reshape([
+                (item.bbox.center.position.x, item.bbox.center.position.y)
+                for item in array.detections], (-1, 2))
+    assert len(answers) == count
+    return [answers[stamp] for stamp in sorted(answers)]
+
+
+def near(places, objects):
+    """Return which places are near which objects, (places, objects)."""
+    return np.linalg.norm(places[:, None] - objects, axis=-1) <= GATE_CELLS
+
+
+def followed(tracks, truth):
+    """Return the share of frames, from the tenth after it appeared, with a track on the object."""
+    present = np.isfinite(truth).all(axis=-1)
+    asked = np.flatnonzero(present & (np.arange(len(truth)) >= np.argmax(present) + 10))
+    assert len(asked) > 20
+    return np.mean([near(tracks[k], truth[None, k]).any() for k in asked])
+
+
+@pytest.mark.slow
+def test_star_in_a_coronagraph_is_followed_without_false_tracks(replayed):
+    path, data = sequence('lasco_c3_8dB')
+    tracks, cells = replayed(path, 'mmtbd2'), ConditioningSettings().cells
+    assert followed(tracks, cells(data['truth'])) >= 0.8
+    known = cells(np.concatenate(
+        [data['truth'][None], data['other_truth'], data['uncatalogued_truth']]))
+    false = [not near(places, known[:, k]).any(axis=1).all() for k, places in enumerate(tracks)]
+    assert np.mean(false) < 0.02
+
+
+@pytest.mark.slow
+def test_helicopter_before_static_clutter_is_followed(replayed):
+    path, data = sequence('ir_helicopter_049')
+    tracks = replayed(path, 'sdt')
+    assert followed(tracks, ConditioningSettings().cells(data['truth'])) >= 0.8

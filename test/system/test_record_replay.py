@@ -1,0 +1,184 @@
+"""A run recorded over DDS: nothing is lost, and its replay and evaluation give the same scores."""
+
+import json
+import os
+import resource
+import signal
+import time
+
+from lowsnr_eval.bags.reader import Bag
+from lowsnr_eval.bags.recorded_run import inspect_bag
+from lowsnr_eval.ros.frame_bag import FrameBag
+from lowsnr_sensor.ros.messages import stamp_key
+from mcap_ros2.reader import read_ros2_messages
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import QosReliability
+
+FRAMES = 15
+MANUAL = ('--set', 'sdt.operating_point=manual', '--set', 'sdt.threshold=4.0')
+RUN = ('--detector', 'sdt', '--lockstep', *MANUAL)
+DATA = ('/image_raw', '/ground_truth', '/detections', '/tracks', '/tracks/tentative', '/clock')
+
+
+def frames_csv(run):
+    """Return ``frames.csv`` of a run that ended well."""
+    code, out, err = run.finish()
+    assert code == 0, err
+    return (run.results / 'frames.csv').read_bytes(), out
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_replay_of_a_recorded_run_gives_the_same_bytes(bringup, tmp_path, storage):
+    bag = tmp_path / 'bag'
+    live, out = frames_csv(bringup(
+        *RUN, '--scenario', 'example3', '--snr', '12', '--seed', '7', '--frames', str(FRAMES),
+        '--record', str(bag), '--storage', storage, results='live'))
+    assert f' topics in {bag}, 0 lost' in out
+    assert live.count(b'\n') == 1 + 2 * FRAMES
+    assert len({line.split(b',')[5] for line in live.splitlines()}) > 2  # it declared something
+    with Bag(bag) as opened:
+        found = {name: [opened.read(item) for item in opened.messages({name})] for name in DATA}
+    for name in DATA:
+        assert len(found[name]) == FRAMES, name
+    stamps = [stamp_key(message.header.stamp) for message in found['/tracks']]
+    assert stamps == [k * 10**9 for k in range(1, FRAMES + 1)]
+    again, _ = frames_csv(bringup(*RUN, '--replay', str(bag), results='again'))
+    assert again == live
+
+
+def test_bag_tells_types_and_quality_of_service(bringup, tmp_path):
+    bag = tmp_path / 'bag'
+    frames_csv(bringup(
+        *RUN, '--frames', '5', '--record', str(bag), '--set', 'sdt.threshold=2.0'))
+    with AnyReader([bag]) as reader:  # computes each hash anew and refuses one that differs
+        qos = {item.topic: item.ext.offered_qos_profiles for item in reader.connections}
+        for item, _, data in reader.messages():
+            reader.deserialize(data, item.msgtype)
+    for name in DATA:
+        assert [item.reliability for item in qos[name]] == [QosReliability.RELIABLE], name
+    found = list(read_ros2_messages(bag / 'bag.mcap'))
+    assert {item.channel.topic for item in found} >= {*DATA, '/scored', '/diagnostics'}
+    for item in found:
+        assert 0 <= item.log_time_ns - item.publish_time_ns < 5 * 10**9
+        assert abs(item.log_time_ns / 1e9 - time.time()) < 300.0
+    recorded = inspect_bag(bag, '/image_raw', '/ground_truth')
+    assert (recorded.name, recorded.seed, recorded.raw) == ('example4', 0, False)
+
+
+def test_other_detectors_run_on_the_frames_that_were_recorded(bringup, tmp_path):
+    bag = tmp_path / 'bag'
+    frames_csv(bringup(
+        *RUN, '--frames', '8', '--record', str(bag), results='live'))
+    both, out = frames_csv(bringup(
+        '--detector', 'cdt', 'cusum', '--replay', str(bag), '--frames', '5', '--rate', '100',
+        '--set', 'cdt.operating_point=nominal', '--set', 'cusum.operating_point=nominal',
+        results='both'))
+    assert both.count(b'\n') == 1 + 2 * 2 * 5
+    assert '5 frames published, 5 scored, 0 unanswered' in out
+
+
+def camera_bag(folder, frames=12):
+    """Write a bag without truth, of another topic, 25 frames a second."""
+    rng = np.random.default_rng(3)
+    with FrameBag(folder) as bag:
+        for k in range(frames):
+            bag.add(rng.normal(size=(9, 13)), 1_700_000_000_000_000_000 + k * 40_000_000, None)
+    metadata = folder / 'metadata.yaml'
+    for path in (metadata, folder / f'{folder.name}.mcap'):
+        path.write_bytes(path.read_bytes().replace(b'/image_raw', b'/cam/image'))
+    return folder
+
+
+def test_bag_without_truth_is_replayed_at_its_own_pace_and_counted(bringup, tmp_path):
+    run = bringup(
+        '--detector', 'cdt', '--replay', str(camera_bag(tmp_path / 'beach')), '--frames-topic',
+        '/cam/image', '--condition', 'off', '--set', 'cdt.operating_point=manual', '--set',
+        'cdt.threshold=2.0')
+    table, out = frames_csv(run)
+    summary = run.summary()
+    assert summary['scenario'] == 'beach'
+    assert summary['frames'] == {'published': 12, 'scored': 12, 'unanswered': 0}
+    detection = summary['detectors']['cdt']['detection']
+    assert detection['declared'] > 0
+    assert detection['frames_without_truth'] == 12
+    assert {detection[key] for key in (
+        'pd', 'pfa_per_frame', 'gospa_m', 'hits', 'false_alarms')} == {None}
+    assert '12 frames without truth' in out
+    assert table.splitlines()[1].startswith(b'1,1700000000.0,cdt,detection,,')
+
+
+def wait_for_bytes(path, count):
+    """Wait until a file holds this much."""
+    until = time.monotonic() + 60.0
+    while not (path.is_file() and path.stat().st_size > count):
+        assert time.monotonic() < until, path
+        time.sleep(0.02)
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_bag_is_good_after_the_recorder_was_killed(bringup, tmp_path, storage):
+    bag = tmp_path / 'bag'
+    run = bringup('--detector', 'cdt', '--loop', '--rate', '100', '--record', str(bag),
+                  '--storage', storage)
+    run.wait_for_rows(2 * 250)
+    scored = len(run.rows()) // 2
+    os.kill(run.nodes()['recorder_node'], signal.SIGKILL)
+    code, out, err = run.finish()
+    assert code == 1
+    assert 'recorder was killed by SIGKILL' in err
+    assert f'recording ended early; the bag in {bag} is good up to there' in out
+    # At most the last second is missing.
+    recorded = inspect_bag(bag, '/image_raw', '/ground_truth')
+    assert recorded.frames >= scored - 110
+    assert (recorded.name, recorded.raw) == ('example4', False)
+    assert not recorded.notes or 'used up to there' in recorded.notes[0]
+
+
+def test_full_disk_ends_the_recording_by_name(bringup, tmp_path):
+    bag = tmp_path / 'bag'
+    run = bringup('--detector', 'cdt', '--loop', '--rate', '100', '--record', str(bag))
+    run.wait_for_rows(2 * 20)
+    most = 500_000
+    resource.prlimit(run.nodes()['recorder_node'], resource.RLIMIT_FSIZE, (most, most))
+    code, _, err = run.finish()
+    assert code == 1
+    assert f'{bag}: recording failed after' in err
+    assert 'File too large; the bag is good up to here' in err
+    assert 'Traceback' not in err
+    assert inspect_bag(bag, '/image_raw', '/ground_truth').frames > 20
+
+
+def test_existing_folder_is_never_written_to(bringup, tmp_path):
+    (tmp_path / 'bag').mkdir()
+    run = bringup('--record', str(tmp_path / 'bag'))
+    code, out, err = run.finish()
+    assert (code, out) == (2, '')
+    assert err == (f'bringup.py: {tmp_path}/bag: exists, and nothing is overwritten; '
+                   'name another folder for the bag\n')
+    assert not run.results.exists()
+    assert list((tmp_path / 'bag').iterdir()) == []
+
+
+def test_what_is_no_bag_ends_with_one_line(bringup, tmp_path):
+    (tmp_path / 'bag.mcap').write_bytes(b'')
+    run = bringup('--replay', str(tmp_path / 'bag.mcap'))
+    code, out, err = run.finish()
+    assert (code, out) == (2, '')
+    assert err == f'bringup.py: {tmp_path}/bag.mcap: is empty (zero bytes)\n'
+    assert not run.results.exists()
+
+
+def test_damaged_bag_is_replayed_up_to_the_damage(bringup, tmp_path):
+    bag = tmp_path / 'bag'
+    frames_csv(bringup(*RUN, '--record', str(bag), results='live'))
+    file = bag / 'bag.mcap'
+    # The frames come in chunks of half a second or a megabyte: cut within the summary, so that
+    # all of them are there, and that it must be said.
+    file.write_bytes(file.read_bytes()[:-100])
+    run = bringup(*RUN, '--replay', str(bag), results='again')
+    code, _, err = run.finish()
+    assert code == 0
+    assert f'{file}: is damaged or was not closed' in err
+    assert json.loads((run.results / 'summary.json').read_text())['frames']['scored'] == 40

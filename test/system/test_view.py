@@ -1,0 +1,167 @@
+"""What ``--view`` shows of a real run, and that showing it changes nothing."""
+
+import json
+import os
+from pathlib import Path
+import signal
+
+from graph_runs import own_domain
+from lowsnr_eval.look import rgb
+from lowsnr_eval.look import TRACK
+from lowsnr_eval.look import TRUTH
+from lowsnr_sensor.ros.messages import array_to_estimates
+from lowsnr_sensor.ros.messages import stamp_key
+from lowsnr_sensor.ros.runtime import reliable
+import numpy as np
+import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import Image
+from vision_msgs.msg import Detection2DArray
+from visualization_msgs.msg import Marker
+from visualization_msgs.msg import MarkerArray
+import yaml
+
+CONFIG = Path(__file__).resolve().parents[2] / 'config'
+FRAMES, SIZE, ZOOM = 40, 20, 24
+RUN = ('--detector', 'cdt', '--snr', '15')
+
+
+@pytest.fixture
+def watch(monkeypatch, bringup):
+    """Return a function that runs a graph and returns what came, by topic and stamp."""
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=own_domain(),
+               signal_handler_options=SignalHandlerOptions.NO)
+    node = Node('onlooker', context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+
+    def run(topics, *arguments):
+        seen = {topic: {} for topic in topics}
+        for topic, kind in topics.items():
+            def take(message, heard=seen[topic]):
+                header = getattr(message, 'header', None) or message.markers[0].header
+                heard[stamp_key(header.stamp)] = message
+            node.create_subscription(kind, topic, take, reliable(1000))
+        started = bringup(*arguments, results='viewed')
+        while started.process.poll() is None:
+            executor.spin_once(timeout_sec=0.05)
+        code, _, err = started.finish()
+        assert code == 0, err
+        return seen, started
+
+    yield run
+    executor.shutdown()
+    node.destroy_node()
+    context.try_shutdown()
+
+
+def coloured(picture, colour):
+    """Return (x, y) in cells of the pixels that have a colour."""
+    rows, cols = np.nonzero((picture == rgb(colour)).all(axis=-1))
+    return (np.stack([cols, rows], axis=-1) + 0.5) / ZOOM - 0.5
+
+
+def test_viewer_changes_no_result(bringup, watch):
+    plain = bringup(*RUN, '--lockstep')
+    assert plain.finish()[0] == 0
+    seen, viewed = watch({'overlay': Image, 'markers': MarkerArray}, *RUN, '--lockstep', '--view')
+    assert seen['overlay']
+    assert seen['markers']
+    assert (viewed.results / 'frames.csv').read_bytes() == (
+        plain.results / 'frames.csv').read_bytes()
+
+
+def test_viewer_shows_what_is_there(watch):
+    seen, _ = watch(
+        {'overlay': Image, 'markers': MarkerArray, 'ground_truth': Detection2DArray,
+         'tracks': Detection2DArray}, *RUN, '--rate', '10', '--view')
+    # Some frames may pass before the viewer and its onlooker have found each other, or on a
+    # machine that is busy.
+    shown = seen['overlay'].keys() & seen['markers'].keys()
+    assert len(shown) >= FRAMES // 2
+    followed = 0
+    for stamp in shown:
+        image = seen['overlay'][stamp]
+        assert (image.encoding, image.width, image.height) == ('rgb8', SIZE * ZOOM, SIZE * ZOOM)
+        picture = np.frombuffer(image.data, np.uint8).reshape(SIZE * ZOOM, SIZE * ZOOM, 3)
+        truth = array_to_estimates(seen['ground_truth'][stamp], 1.0)
+        circle = coloured(picture, TRUTH)
+        assert (len(circle) > 0) == (len(truth) > 0)
+        tracks = array_to_estimates(seen['tracks'][stamp], 1.0)
+        markers = {marker.ns: marker for marker in seen['markers'][stamp].markers}
+        assert (len(coloured(picture, TRACK)) > 0) == (len(markers.keys() & {'trails', 'ids'}) > 0)
+        for item in tracks:
+            place = item.state[[0, 2]]
+            if (place > 1.0).all() and (place < SIZE - 2.0).all():
+                crossing = coloured(picture, TRACK) - place
+                assert np.hypot(*crossing.T).min() < 0.1
+                followed += 1
+            assert 'ellipses' in markers
+        if truth and not tracks:
+            assert circle.mean(axis=0) == pytest.approx(truth[0].state[[0, 2]], abs=0.35)
+        points = [(p.x, p.y) for p in markers['truth'].points] if truth else []
+        assert points == [tuple(item.state[[0, 2]]) for item in truth]
+    assert followed > 5
+
+
+def test_every_chain_has_its_viewer(watch):
+    seen, _ = watch({'cdt/overlay': Image, 'sdt/overlay': Image}, '--detector', 'cdt', 'sdt',
+                    '--rate', '10', '--view', '--set', 'viewer.side=100')
+    for name in ('cdt', 'sdt'):
+        assert len(seen[f'{name}/overlay']) >= FRAMES // 2
+        assert {image.width for image in seen[f'{name}/overlay'].values()} == {100}
+
+
+def test_run_goes_on_without_a_viewer_that_died(bringup):
+    run = bringup('--detector', 'cdt', '--rate', '20', '--view')
+    run.wait_for_rows(10)
+    os.kill(run.nodes()['viewer_node'], signal.SIGKILL)
+    code, out, err = run.finish()
+    assert code == 0, err
+    assert 'the run goes on without viewer was killed by SIGKILL' in err
+    assert run.summary()['frames'] == {'published': FRAMES, 'scored': FRAMES, 'unanswered': 0}
+
+
+def test_rviz_configuration_shows_the_topics_of_the_viewer():
+    config = yaml.safe_load((CONFIG / 'lowsnr.rviz').read_text())['Visualization Manager']
+    displays = {item['Topic']['Value']: item for item in config['Displays']}
+    assert {topic: item['Class'] for topic, item in displays.items()} == {
+        'overlay': 'rviz_default_plugins/Image', 'image_raw': 'rviz_default_plugins/Image',
+        'markers': 'rviz_default_plugins/MarkerArray'}
+    assert displays['image_raw']['Normalize Range'] is True
+    # Seen by a camera on the orbit, x points right and y down.
+    view = config['Views']['Current']
+    pitch, yaw = view['Pitch'], view['Yaw']
+    ahead = -np.array([np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), np.sin(pitch)])
+    right = np.cross(ahead, [0.0, 0.0, 1.0]) / np.hypot(*ahead[:2])
+    assert right == pytest.approx([1.0, 0.0, 0.0], abs=1e-3)
+    assert np.cross(ahead, right) == pytest.approx([0.0, 1.0, 0.0], abs=2e-3)
+
+
+def test_foxglove_layout_shows_panels_that_it_describes():
+    config = json.loads((CONFIG / 'lowsnr_foxglove.json').read_text())
+
+    def panels(node):
+        return {node} if isinstance(node, str) else panels(node['first']) | panels(node['second'])
+
+    assert panels(config['layout']) == set(config['configById'])
+    text = json.dumps(config)
+    for topic in ('/overlay', '/image_raw', '/markers', '/tracks.detections', '/diagnostics'):
+        assert f'"{topic}' in text
+
+
+def test_markers_name_every_namespace_that_rviz_shows(watch):
+    seen, _ = watch({'markers': MarkerArray}, *RUN, '--rate', '10', '--view')
+    config = yaml.safe_load((CONFIG / 'lowsnr.rviz').read_text())['Visualization Manager']
+    (shown,) = [item['Namespaces'] for item in config['Displays'] if 'Namespaces' in item]
+    arrays = seen['markers'].values()
+    assert {marker.ns for array in arrays for marker in array.markers} == set(shown) | {''}
+    for array in arrays:
+        assert array.markers[0].action == Marker.DELETEALL
+        assert len({(marker.ns, marker.id) for marker in array.markers}) == len(array.markers)
+        assert {marker.header.frame_id for marker in array.markers} == {'sensor'}
