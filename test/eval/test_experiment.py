@@ -4,10 +4,12 @@ from dataclasses import replace
 
 from lowsnr_detect.registry import detector_class
 from lowsnr_detect.registry import DETECTORS
+from lowsnr_eval import experiment
 from lowsnr_eval.chain import Chain
 from lowsnr_eval.chain import detect
 from lowsnr_eval.chain import of_run
 from lowsnr_eval.chain import sharing
+from lowsnr_eval.chain import track
 from lowsnr_eval.experiment import Block
 from lowsnr_eval.experiment import run_block
 from lowsnr_eval.experiment import simulate_run
@@ -124,6 +126,25 @@ def test_cdt_detects_as_often_as_theory_says():
     empty = 1.0 - quiet**35
     declared = (result.detection.declared[:, [0, 1, 9]] > 0).mean()
     assert abs(declared - empty) < 4.0 * np.sqrt(empty * (1 - empty) / 1200)
+
+
+def test_same_detections_of_a_run_are_tracked_once(monkeypatch):
+    tracked = []
+
+    def count(tracker, detections, period_s, rng):
+        tracked.append(detections)
+        return track(tracker, detections, period_s, rng)
+
+    monkeypatch.setattr(experiment, 'track', count)
+    tracker = PdaMmpf(sensor=SENSOR, rows=7, cols=5, particles=50)
+    never = [chain(replace(small(name), threshold=1e3), name, tracker=tracker)
+             for name in ('cdt', 'sdt')]
+    some = chain(replace(small('cdt'), threshold=2.0), 'some', tracker=tracker)
+    results = run_block(block(*never, some, crowded_runs=3))
+    assert len(tracked) == 6
+    alone = run_block(block(some, crowded_runs=3))
+    for key, values in arrays(alone['it', 'some']).items():
+        assert np.array_equal(values, arrays(results['it', 'some'])[key], equal_nan=True)
 
 
 def test_chain_takes_part_in_its_first_runs_only():

@@ -1,0 +1,142 @@
+"""Studies: what is planned, kept and gone on with."""
+
+from dataclasses import replace
+import functools
+import json
+from pathlib import Path
+
+from lowsnr_detect.registry import DETECTORS
+from lowsnr_eval.experiment import run_block
+from lowsnr_eval.outcome import gather
+from lowsnr_eval.outcome import points
+from lowsnr_eval.outcome import summary
+from lowsnr_eval.study import plan_study
+from lowsnr_eval.study_folder import open_folder
+from lowsnr_eval.study_options import StudyOptions
+import pytest
+
+CONFIG = Path(__file__).resolve().parents[2] / 'config'
+SMALL = StudyOptions(example=2, runs=3, snrs_db=(9.0,), detectors=('cdt',))
+# What the issue of every point is; consumers rely on these names.
+KEYS = {'detector', 'snr_db', 'operating_point', 'level', 'pfa_per_frame', 'pd', 'pd_interval',
+        'rmse_position_m', 'rmse_velocity_mps', 'gospa_m', 'runs', 'seed'}
+
+
+@functools.cache
+def plan(**changes):
+    return plan_study(replace(SMALL, **changes), CONFIG)
+
+
+def thresholds(study):
+    return dict.fromkeys(study.calibrations(), 6.0)
+
+
+@pytest.fixture(scope='module')
+def blocks():
+    study = plan()
+    return study, {name: run_block(block)
+                   for name, block in study.blocks(thresholds(study)).items()}
+
+
+def test_detectors_of_the_paper_run_in_full_and_all_others_in_few():
+    study = plan(example=4, runs=200, snrs_db=None, detectors=None)
+    assert study.snrs_db == (3.0, 5.0, 9.0)
+    assert set(DETECTORS) < set(study.labels)
+    case = next(case for case in study.cases if case.kind == 'object')
+    runs = {method.label: method.runs for method in case.methods}
+    assert runs['sdt'] == runs['mmtbd2'] == 200
+    assert runs['hmm'] == 10
+    settings = {method.label: method.detector for method in case.methods}
+    assert settings['sdt'].max_iterations == 3
+    assert settings['sdt'].sensor.snr_db == case.snr_db
+
+
+def test_points_of_the_snr_curve_are_calibrated_with_fewer_runs():
+    study = plan(snrs_db=(3.0, 9.0))
+    runs = {(detector.sensor.snr_db, runs) for detector, _, _, runs in study.calibrations()}
+    assert runs == {(3.0, None), (9.0, None), (1.0, 150), (6.0, 150), (12.0, 150)}
+
+
+def test_motion_covers_the_speeds_of_the_fast_example():
+    case = plan(example=5, detectors=('sdt', 'mmtbd2')).cases[0]
+    settings = {method.label: method for method in case.methods}
+    assert settings['sdt_r2'].detector.radius == 2
+    assert settings['mmtbd2'].detector.motion.max_speed_mps == 1.5
+    assert settings['mmtbd2'].tracker.motion.max_speed_mps == 1.5
+
+
+def test_blocks_cover_every_run_once():
+    study = plan(runs=50)
+    ranges = [(block.first, block.count)
+              for name, block in study.blocks(thresholds(study)).items()
+              if name.startswith('object')]
+    assert ranges == [(0, 20), (20, 20), (40, 10)]
+
+
+@pytest.mark.parametrize(('changes', 'culprit'), [
+    ({'example': 7}, 'example 7'), ({'runs': 0}, 'runs = 0'),
+    ({'detectors': ('sdr',)}, "'sdr'"), ({'snrs_db': (900.0,)}, '900'),
+])
+def test_what_cannot_be_is_refused_by_name(changes, culprit):
+    with pytest.raises(ValueError, match=culprit) as error:
+        plan(**changes)
+    assert '\n' not in str(error.value)
+
+
+def test_points_have_the_stated_keys(blocks):
+    study, results = blocks
+    outcome = gather(study, results.items())
+    found = points(outcome)
+    assert all(set(row) >= KEYS for row in found)
+    assert {(row['operating_point'], row['level']) for row in found} == {
+        (point, level) for point in ('nominal', 'matched')
+        for level in ('detection', 'tracking')}
+    assert {row['runs'] for row in found} == {3}
+    json.dumps(summary(outcome, {}), allow_nan=False)
+
+
+def test_saved_block_is_read_back(tmp_path, blocks):
+    study, results = blocks
+    folder = open_folder(tmp_path / 'example2', study, resume=False)
+    name, block = next(iter(results.items()))
+    assert folder.load(name) is None
+    folder.save(name, block)
+    again = gather(study, [(name, folder.load(name))])
+    assert points(again) == points(gather(study, [(name, block)]))
+
+
+def test_half_written_block_is_not_finished(tmp_path, blocks):
+    study, results = blocks
+    folder = open_folder(tmp_path / 'example2', study, resume=False)
+    name, block = next(iter(results.items()))
+    folder.save(name, block)
+    path = folder.path / 'runs' / f'{name}.npz'
+    path.write_bytes(path.read_bytes()[:200])
+    assert folder.load(name) is None
+
+
+def test_new_study_leaves_the_results_of_another_alone(tmp_path):
+    first = open_folder(tmp_path / 'example2', plan(), resume=False)
+    second = open_folder(tmp_path / 'example2', plan(runs=5), resume=False)
+    assert second.path == tmp_path / 'example2-2'
+    assert json.loads((first.path / 'study.json').read_text())['options']['runs'] == 3
+
+
+def test_resume_goes_on_in_the_folder_of_the_same_study(tmp_path):
+    fresh = open_folder(tmp_path / 'example2', plan(), resume=True)
+    assert open_folder(tmp_path / 'example2', plan(), resume=True).path == fresh.path
+    with pytest.raises(ValueError, match='runs was 3'):
+        open_folder(tmp_path / 'example2', plan(runs=5), resume=True)
+
+
+@pytest.mark.parametrize('resume', [True, False])
+@pytest.mark.parametrize('content', ['{"format": 0}', 'not JSON', None])
+def test_folder_of_another_version_is_refused(tmp_path, resume, content):
+    folder = tmp_path / 'example2'
+    folder.mkdir()
+    name = 'study.json' if content else 'notes.txt'
+    (folder / name).write_text(content or 'mine')
+    with pytest.raises(ValueError, match='another version or of something else'):
+        open_folder(folder, plan(), resume)
+    assert (folder / name).read_text() == (content or 'mine')
+    assert len(list(folder.iterdir())) == 1

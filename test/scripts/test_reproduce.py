@@ -1,0 +1,213 @@
+"""The command that reproduces Section VI: what it writes, refuses and keeps."""
+
+import contextlib
+import json
+import os
+from pathlib import Path
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+from browser import browser
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+COMMAND = ROOT / 'scripts' / 'reproduce.py'
+SOURCES = os.pathsep.join(map(str, sorted((ROOT / 'src').glob('lowsnr_*'))))
+# CDT is calibrated in a moment, and at one SNR the runs are few.
+SMALL = ('--example', '2', '--snr', '9', '--detectors', 'cdt')
+NUMBERS = ('summary.json', 'curves.csv')
+
+
+def start(*arguments):
+    return subprocess.Popen(
+        [sys.executable, str(COMMAND), *map(str, arguments)], stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE, text=True)
+
+
+def run(*arguments):
+    process = start(*arguments)
+    out, err = process.communicate(timeout=240)
+    return process.returncode, out, err
+
+
+def numbers(folder):
+    return [(folder / 'example2' / name).read_bytes() for name in NUMBERS]
+
+
+def finished(folder):
+    return sorted(path.name for path in (folder / 'example2' / 'runs').glob('*.npz'))
+
+
+@pytest.fixture(scope='module')
+def reference(tmp_path_factory):
+    """Return the results folder of a small study on one process, and what was printed."""
+    folder = tmp_path_factory.mktemp('reference')
+    code, out, err = run(*SMALL, '--runs', '40', '--jobs', '1', '--results', folder)
+    assert code == 0, err
+    return folder, out, err
+
+
+def test_study_leaves_summary_curves_figures_and_report(reference):
+    folder, out, err = reference
+    results = folder / 'example2'
+    summary = json.loads((results / 'summary.json').read_text())
+    assert summary['runs_done'] == 40
+    assert {row['operating_point'] for row in summary['points']} == {'nominal', 'matched'}
+    figures = {path.name for path in (results / 'figures').iterdir()}
+    assert {'trajectory.svg', 'trajectory.png', 'paper-9dB-matched.svg', 'roc.png',
+            'snr.svg', 'time.svg', 'all-9dB-nominal.png'} <= figures
+    assert f'results in {results}' in out
+    assert 'calibrating' in err
+    assert 'run/s' in err or 's/run' in err
+    assert 'Traceback' not in err
+
+
+def test_report_asks_for_nothing_beyond_itself(reference):
+    report = (reference[0] / 'example2' / 'report.html').read_text()
+    assert 'http' not in report.replace('http-equiv', '')
+    assert 'scripts/reproduce.py --example 2' in report
+    for text in ('numpy', 'Digest of the code', 'seed 0', 'matched thresholds'):
+        assert text in report
+
+
+def test_report_is_shown_by_a_browser_that_asks_for_nothing(
+        reference, tmp_path, require_program):
+    report = reference[0] / 'example2' / 'report.html'
+    with browser(require_program('chromium'), tmp_path / 'profile') as page:
+        page.load(report)
+        widths = page.value('Array.from(document.images).map(i => i.naturalWidth)')
+        assert len(widths) >= 8
+        assert min(widths) > 0
+        assert page.value("document.querySelectorAll('table').length") > 3
+        # Nothing sticks out of the page, however wide a table is.
+        assert page.value('document.body.scrollWidth <= window.innerWidth')
+        asked = [address for address in page.requests if not address.startswith('data:')]
+        assert (asked, page.errors) == ([report.as_uri()], [])
+
+
+@pytest.mark.slow
+def test_numbers_are_the_same_whatever_the_number_of_jobs(reference, tmp_path):
+    code, _, err = run(*SMALL, '--runs', '40', '--jobs', '2', '--results', tmp_path)
+    assert code == 0, err
+    assert numbers(tmp_path) == numbers(reference[0])
+
+
+@pytest.mark.slow
+def test_workers_started_by_hand_give_the_same_numbers(reference, tmp_path):
+    with cluster(tmp_path, 2) as (address, _):
+        code, _, err = run(
+            *SMALL, '--runs', '40', '--scheduler', address, '--results', tmp_path)
+    assert code == 0, err
+    assert numbers(tmp_path) == numbers(reference[0])
+
+
+@pytest.mark.slow
+def test_workers_without_the_code_are_refused(tmp_path):
+    with cluster(tmp_path, 1, path='') as (address, _):
+        code, _, err = run(*SMALL, '--scheduler', address, '--results', tmp_path / 'results')
+    assert code == 2
+    assert 'must be started with this code' in err
+    assert len(err.splitlines()) == 1
+
+
+@pytest.mark.slow
+def test_killed_worker_costs_time_and_no_results(reference, tmp_path):
+    with cluster(tmp_path, 2) as (address, workers):
+        process = start(*SMALL, '--runs', '40', '--scheduler', address, '--results', tmp_path)
+        wait_for_blocks(process, tmp_path)
+        workers[0].kill()
+        _, err = process.communicate(timeout=240)
+    assert process.returncode == 0, err
+    assert numbers(tmp_path) == numbers(reference[0])
+
+
+@pytest.mark.slow
+def test_interrupted_study_keeps_its_runs_and_goes_on(reference, tmp_path):
+    options = (*SMALL, '--runs', '40', '--jobs', '1', '--results', tmp_path)
+    process = start(*options)
+    wait_for_blocks(process, tmp_path)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert err.splitlines()[-1].endswith('interrupted; finished runs are kept, --resume goes on')
+    assert 'Traceback' not in err
+    kept = finished(tmp_path)
+    times = [(tmp_path / 'example2' / 'runs' / name).stat().st_mtime_ns for name in kept]
+    code, _, err = run(*options, '--resume')
+    assert code == 0, err
+    assert numbers(tmp_path) == numbers(reference[0])
+    assert times == [
+        (tmp_path / 'example2' / 'runs' / name).stat().st_mtime_ns for name in kept]
+
+
+@pytest.mark.parametrize(('arguments', 'culprit'), [
+    (('--example', '7'), 'example 7 is not one of 1, 2, 3, 4, 5, 6'),
+    (('--example', '2', '--runs', '0'), 'runs = 0'),
+    (('--example', '2', '--detectors', 'sdr'), "'sdr'"),
+    (('--example', '2', '--jobs', '0'), '--jobs 0'),
+    (('--example', '2', '--scheduler', '127.0.0.1:9'), '127.0.0.1:9'),
+    (('--example', '2', '--scheduler', 'nonsense://'), 'nonsense'),
+    (('--example', '2', '--all'), 'not allowed with'),
+    ((), 'required'),
+])
+def test_what_cannot_be_is_refused_in_one_line(tmp_path, arguments, culprit):
+    code, out, err = run(*arguments, '--results', tmp_path)
+    assert code == 2
+    assert culprit in err
+    assert len(err.splitlines()) == 1
+    assert out == ''
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize('more', [(), ('--resume',)])
+def test_results_of_another_version_are_left_alone(tmp_path, more):
+    folder = tmp_path / 'example2'
+    folder.mkdir()
+    (folder / 'study.json').write_text('{"format": 0}')
+    code, _, err = run(*SMALL, '--runs', '2', '--results', tmp_path, *more)
+    assert code == 2
+    assert 'holds results of another version' in err
+    assert len(err.splitlines()) == 1
+    assert [path.name for path in folder.iterdir()] == ['study.json']
+
+
+def test_help_shows_an_example():
+    code, out, _ = run('--help')
+    assert code == 0
+    assert 'example: python scripts/reproduce.py --example 3' in out
+
+
+def wait_for_blocks(process, folder):
+    """Wait until the first block of runs is kept."""
+    until = time.monotonic() + 120.0
+    while not finished(folder):
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < until, 'no block after two minutes'
+        time.sleep(0.02)
+
+
+@contextlib.contextmanager
+def cluster(folder, count, path=SOURCES):
+    """Start a dask scheduler and workers by hand, as a user would; yield address, workers."""
+    with socket.socket() as probe:
+        probe.bind(('127.0.0.1', 0))
+        address = f'127.0.0.1:{probe.getsockname()[1]}'
+    commands = [['scheduler', '--host', '127.0.0.1', '--port', address.partition(':')[2],
+                 '--no-dashboard']]
+    commands += [['worker', f'tcp://{address}', '--nthreads', '1', '--no-dashboard',
+                  '--no-nanny', '--host', '127.0.0.1', '--local-directory', str(folder)]
+                 ] * count
+    processes = []
+    try:
+        for command in commands:
+            processes.append(subprocess.Popen(
+                [sys.executable, '-m', 'dask', *command], stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL, env=os.environ | {'PYTHONPATH': path}))
+        yield address, processes[1:]
+    finally:
+        for process in reversed(processes):
+            process.kill()
+            process.wait()
