@@ -31,8 +31,9 @@ LOG = ROOT / '.venv.log'
 LOCKS = ROOT / 'requirements'
 INTERFACES = ROOT / 'interfaces' / 'vision_msgs'
 LOCKED = re.compile(r'^([\w.-]+)==(.*)\n(?: +--hash=.*\n)+', re.MULTILINE)
+BELOW = re.compile(r"python_full_version < '3\.(\d+)'")
 CHECK = 'import numpy, rclpy, scipy, sensor_msgs.msg, tqdm, vision_msgs.msg, yaml'
-SPACE = 800_000_000  # bytes that .venv takes at most
+SPACE = 1_600_000_000  # bytes that .venv takes at most
 
 
 def packages_of(locks: 'set[str]') -> 'dict[str, str]':
@@ -47,16 +48,23 @@ def packages_of(locks: 'set[str]') -> 'dict[str, str]':
     Returns
     -------
     dict
-        Package name -> its lines in the lock; packages for Windows alone are left out.
+        Package name -> its lines in the lock; packages for Windows or older Pythons alone are
+        left out.
 
     """
     packages = {}
     for path in sorted(LOCKS.glob('*.txt')):
         if path.stem in locks:
             found = LOCKED.finditer(path.read_text(encoding='utf-8'))
-            packages.update(
-                {entry[1]: entry[0] for entry in found if "== 'win32'" not in entry[2]})
+            packages.update({entry[1]: entry[0] for entry in found if _is_for_here(entry[2])})
     return packages
+
+
+def _is_for_here(line: str) -> bool:
+    """Return whether a line of a lock, with what it says of systems, is for this Python."""
+    below = BELOW.search(line)
+    newer = below is not None and sys.version_info >= (3, int(below[1]))
+    return "== 'win32'" not in line and not newer
 
 
 def is_complete(wanted: 'set[str]') -> bool:

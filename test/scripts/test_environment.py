@@ -36,8 +36,9 @@ def ros(tmp_path):
     suffix = importlib.machinery.EXTENSION_SUFFIXES[0]
     (folder / 'rclpy' / f'_rclpy_pybind11{suffix}').touch()
     for name in _venv.packages_of({'runtime'}):
-        (folder / f'{name}-1.dist-info').mkdir()
-        (folder / f'{name}-1.dist-info' / 'METADATA').write_text(f'Name: {name}\nVersion: 1\n')
+        info = folder / f'{name.replace("-", "_")}-1.dist-info'
+        info.mkdir()
+        (info / 'METADATA').write_text(f'Name: {name}\nVersion: 1\n')
     return folder
 
 
