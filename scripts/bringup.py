@@ -187,14 +187,13 @@ def calibrate(plan: 'RunPlan') -> None:
 def run(plan: 'RunPlan', folder: Path) -> int:
     """Start the graph, wait for its end, and print what it scored."""
     from lowsnr_eval.bags.recording import describe_bag
-    from lowsnr_eval.middleware import node_environment
+    from lowsnr_eval.middleware import middleware_environment
     from lowsnr_eval.ros.supervisor import Supervisor
     from lowsnr_eval.table import format_table
 
     patience_s = plan.parameters['/evaluator']['answer_within_s'] + 2.0
-    environment = node_environment(os.environ, folder, plan.frame_bytes)
-    status, trouble = Supervisor(
-        plan.nodes, folder, plan.frames, patience_s, environment).run()
+    os.environ |= middleware_environment(os.environ, folder, plan.frame_bytes)
+    status, trouble = Supervisor(plan.nodes, folder, plan.frames, patience_s).run()
     summary = folder / 'summary.json'
     if summary.is_file():
         print(format_table(json.loads(summary.read_text(encoding='utf-8'))))

@@ -1,4 +1,4 @@
-"""Settings of the middleware for large frames: shared memory that holds them."""
+"""Settings of the middleware for a run: quick to find one another, and room for large frames."""
 
 from __future__ import annotations
 
@@ -17,6 +17,26 @@ _MARGIN_BYTES = 65_536
 _PROFILE = """\
 <?xml version="1.0" encoding="UTF-8"?>
 <profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
+{transports}  <participant profile_name="lowsnr" is_default_profile="true">
+    <rtps>
+{use}      <builtin>
+        <discovery_config>
+          <initialAnnouncements>
+            <count>50</count>
+            <period><nanosec>100000000</nanosec></period>
+          </initialAnnouncements>
+        </discovery_config>
+      </builtin>
+    </rtps>
+  </participant>
+  <data_writer profile_name="lowsnr" is_default_profile="true">
+    <times>
+      <heartbeatPeriod><sec>0</sec><nanosec>100000000</nanosec></heartbeatPeriod>
+    </times>
+  </data_writer>
+</profiles>
+"""
+_TRANSPORTS = """\
   <transport_descriptors>
     <transport_descriptor>
       <transport_id>frames</transport_id>
@@ -29,28 +49,27 @@ _PROFILE = """\
       <type>UDPv4</type>
     </transport_descriptor>
   </transport_descriptors>
-  <participant profile_name="lowsnr" is_default_profile="true">
-    <rtps>
+"""
+_USE = """\
       <userTransports>
         <transport_id>frames</transport_id>
         <transport_id>network</transport_id>
       </userTransports>
       <useBuiltinTransports>false</useBuiltinTransports>
-    </rtps>
-  </participant>
-</profiles>
 """
 
 
-def node_environment(
+def middleware_environment(
     environment: Mapping[str, str], folder: Path, frame_bytes: int,
 ) -> dict[str, str]:
     """
-    Return the environment of the nodes of a run.
+    Return what the processes of a run need in their environment beside what is there.
 
-    A frame that does not fit into Fast DDS's segment of shared memory goes through UDP in
-    pieces, which takes ten times as long.  For such frames a profile with a segment that holds
-    them is written, unless the environment names one.
+    A profile of Fast DDS, unless the environment names one.  By default processes that start
+    together may miss one another, a lost message or word of its arrival is made up for, after
+    three seconds; here after a tenth of one.  A frame that does not fit into the default
+    segment of shared memory goes through UDP in pieces, which takes ten times as long; for such
+    frames there is a segment that holds them.
 
     Parameters
     ----------
@@ -62,10 +81,13 @@ def node_environment(
         Size of a frame; 0 where it is not known.
 
     """
-    if frame_bytes <= _SMALL_BYTES or any(name in environment for name in _VARIABLES):
-        return dict(environment)
-    message = frame_bytes + _MARGIN_BYTES
-    segment = min(_FRAMES_IN_SEGMENT * message, max(_LARGEST_SEGMENT, 2 * message))
+    if any(name in environment for name in _VARIABLES):
+        return {}
+    transports = use = ''
+    if frame_bytes > _SMALL_BYTES:
+        message = frame_bytes + _MARGIN_BYTES
+        segment = min(_FRAMES_IN_SEGMENT * message, max(_LARGEST_SEGMENT, 2 * message))
+        transports, use = _TRANSPORTS.format(segment=segment, message=message), _USE
     path = (folder / PROFILE_FILE).resolve()
-    path.write_text(_PROFILE.format(segment=segment, message=message), encoding='utf-8')
-    return {**environment, **dict.fromkeys(_VARIABLES, str(path))}
+    path.write_text(_PROFILE.format(transports=transports, use=use), encoding='utf-8')
+    return dict.fromkeys(_VARIABLES, str(path))
