@@ -35,12 +35,13 @@ def main() -> int:
         epilog='example: python benchmarks/unknown_intensity.py --runs 200')
     parser.add_argument('--runs', type=int, default=200, help='runs with an object (200)')
     parser.add_argument('--seed', type=int, default=0, help='root seed (0)')
+    parser.add_argument('--only', nargs='+', choices=LABELS, default=LABELS)
     options = parser.parse_args()
     _environment.ensure()
     print(f'P_D at 1 % false alarms a frame, {options.runs} runs, seed {options.seed}\n')
     print('| detector | designed for | object | P_D [95 %] | P_D designed for the object | '
           'difference [95 %] |\n|---|---|---|---|---|---|')
-    for label in LABELS:
+    for label in options.only:
         method = next(method for method in METHODS if method.label == label)
         for design in DESIGNS_DB:
             for offset in OFFSETS_DB:
