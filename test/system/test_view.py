@@ -12,12 +12,14 @@ from lowsnr_eval.look import TRUTH
 from lowsnr_sensor.ros.messages import array_to_estimates
 from lowsnr_sensor.ros.messages import stamp_key
 from lowsnr_sensor.ros.runtime import reliable
+from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image
 from vision_msgs.msg import Detection2DArray
 from visualization_msgs.msg import Marker
@@ -27,6 +29,12 @@ import yaml
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
 FRAMES, SIZE, ZOOM = 40, 20, 24
 RUN = ('--detector', 'cdt', '--snr', '15')
+# All that sensor and tracker publish: with observers they wait for a reader of each.
+SENSOR = {
+    'image_raw': Image, 'ground_truth': Detection2DArray, 'ground_truth/odometry': Odometry,
+    'clock': Clock}
+TRACKER = {
+    'tracks': Detection2DArray, 'tracks/odometry': Odometry, 'tracks/tentative': Detection2DArray}
 
 
 @pytest.fixture
@@ -43,9 +51,10 @@ def watch(monkeypatch, bringup):
     def run(topics, *arguments):
         seen = {topic: {} for topic in topics}
         for topic, kind in topics.items():
-            def take(message, heard=seen[topic]):
-                header = getattr(message, 'header', None) or message.markers[0].header
-                heard[stamp_key(header.stamp)] = message
+            def take(message, topic=topic, heard=seen[topic]):
+                if topic != 'clock':
+                    header = getattr(message, 'header', None) or message.markers[0].header
+                    heard[stamp_key(header.stamp)] = message
             node.create_subscription(kind, topic, take, reliable(1000))
         started = bringup(*arguments, results='viewed')
         while started.process.poll() is None:
@@ -78,8 +87,9 @@ def test_viewer_changes_no_result(bringup, watch):
 
 def test_viewer_shows_what_is_there(watch):
     seen, _ = watch(
-        {'overlay': Image, 'markers': MarkerArray, 'ground_truth': Detection2DArray,
-         'tracks': Detection2DArray}, *RUN, '--rate', '10', '--view')
+        {'overlay': Image, 'markers': MarkerArray, **SENSOR, **TRACKER}, *RUN, '--rate', '10',
+        '--view', '--set', 'sensor.observers=1', '--set', 'tracker.observers=1')
+    assert len(seen['ground_truth']) == len(seen['tracks']) == FRAMES
     # Some frames may pass before the viewer and its onlooker have found each other, or on a
     # machine that is busy.
     shown = seen['overlay'].keys() & seen['markers'].keys()
