@@ -3,9 +3,14 @@
 from collections.abc import Callable
 import os
 import shutil
+import signal
 
 import numpy as np
 import pytest
+
+# A shell starts what runs in its background deaf to Ctrl-C, and so would be all that tests start.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture
