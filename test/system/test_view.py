@@ -78,7 +78,9 @@ def coloured(picture, colour):
 def test_viewer_changes_no_result(bringup, watch):
     plain = bringup(*RUN, '--lockstep')
     assert plain.finish()[0] == 0
-    seen, viewed = watch({'overlay': Image, 'markers': MarkerArray}, *RUN, '--lockstep', '--view')
+    seen, viewed = watch(
+        {'overlay': Image, 'markers': MarkerArray}, *RUN, '--lockstep', '--view',
+        '--set', 'viewer.observers=1')
     assert seen['overlay']
     assert seen['markers']
     assert (viewed.results / 'frames.csv').read_bytes() == (
@@ -88,7 +90,8 @@ def test_viewer_changes_no_result(bringup, watch):
 def test_viewer_shows_what_is_there(watch):
     seen, _ = watch(
         {'overlay': Image, 'markers': MarkerArray, **SENSOR, **TRACKER}, *RUN, '--rate', '10',
-        '--view', '--set', 'sensor.observers=1', '--set', 'tracker.observers=1')
+        '--view', '--set', 'sensor.observers=1', '--set', 'tracker.observers=1',
+        '--set', 'viewer.observers=1')
     assert len(seen['ground_truth']) == len(seen['tracks']) == FRAMES
     # Some frames may pass before the viewer and its onlooker have found each other, or on a
     # machine that is busy.

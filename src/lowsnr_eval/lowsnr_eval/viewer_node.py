@@ -55,6 +55,7 @@ class ViewerNode(ManagedNode):
         self._greys: dict[int, tuple[Header, np.ndarray]] = {}
         self._overlay = self.create_publisher(Image, 'overlay', reliable(_DEPTH))
         self._markers = self.create_publisher(MarkerArray, 'markers', reliable(_DEPTH))
+        self.outputs = {self._overlay: 0, self._markers: 0}
         depth = reliable(self.settings.queue_depth)
         # Of several messages that wait, those of the topics named first are taken first.
         self.create_subscription(  # not listen: recorded frames may be without truth
