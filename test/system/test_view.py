@@ -35,6 +35,9 @@ SENSOR = {
     'clock': Clock}
 TRACKER = {
     'tracks': Detection2DArray, 'tracks/odometry': Odometry, 'tracks/tentative': Detection2DArray}
+OBSERVED = (
+    '--rate', '10', '--view', '--set', 'sensor.observers=1', '--set', 'tracker.observers=1',
+    '--set', 'viewer.observers=1')
 
 
 @pytest.fixture
@@ -89,9 +92,7 @@ def test_viewer_changes_no_result(bringup, watch):
 
 def test_viewer_shows_what_is_there(watch):
     seen, _ = watch(
-        {'overlay': Image, 'markers': MarkerArray, **SENSOR, **TRACKER}, *RUN, '--rate', '10',
-        '--view', '--set', 'sensor.observers=1', '--set', 'tracker.observers=1',
-        '--set', 'viewer.observers=1')
+        {'overlay': Image, 'markers': MarkerArray, **SENSOR, **TRACKER}, *RUN, *OBSERVED)
     assert len(seen['ground_truth']) == len(seen['tracks']) == FRAMES
     # Some frames may pass before the viewer and its onlooker have found each other, or on a
     # machine that is busy.
