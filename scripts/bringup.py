@@ -108,6 +108,10 @@ def add_how_to_run(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--loop', action='store_true', help='repeat the scenario until Ctrl-C')
     parser.add_argument(
+        '--respawn', action=argparse.BooleanOptionalAction, default=None,
+        help='start a node again that died; where it dies again and again the run ends (default: '
+        'with --loop)')
+    parser.add_argument(
         '--record', type=Path, metavar='DIR', help='record every topic into a new rosbag2 bag')
     parser.add_argument(
         '--storage', choices=('mcap', 'sqlite3'), default='mcap',
@@ -163,7 +167,7 @@ def plan_of(options: argparse.Namespace) -> 'RunPlan':
         lockstep=options.lockstep, loop=options.loop, overrides=options.overrides,
         record=options.record, storage=options.storage, replay=options.replay,
         frames_topic=options.frames_topic, truth_topic=options.truth_topic,
-        condition=options.condition, view=options.view), CONFIG)
+        condition=options.condition, view=options.view, respawn=options.respawn), CONFIG)
 
 
 def calibrate(plan: 'RunPlan') -> None:
@@ -193,7 +197,8 @@ def run(plan: 'RunPlan', folder: Path) -> int:
 
     patience_s = plan.parameters['/evaluator']['answer_within_s'] + 2.0
     os.environ |= middleware_environment(os.environ, folder, plan.frame_bytes)
-    status, trouble = Supervisor(plan.nodes, folder, plan.frames, patience_s).run()
+    status, trouble = Supervisor(
+        plan.nodes, folder, plan.frames, patience_s, plan.respawn).run()
     summary = folder / 'summary.json'
     if summary.is_file():
         print(format_table(json.loads(summary.read_text(encoding='utf-8'))))

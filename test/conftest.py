@@ -1,9 +1,13 @@
 """What every test may ask for."""
 
 from collections.abc import Callable
+from collections.abc import Iterator
+import contextlib
 import os
+from pathlib import Path
 import shutil
 import signal
+import subprocess
 
 import numpy as np
 import pytest
@@ -47,3 +51,25 @@ def require_program() -> Callable[[str], str]:
         return path
 
     return find
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """Yield a folder that is a disk of one MiB; only root can make one."""
+    folder = tmp_path / 'disk'
+    folder.mkdir()
+    made = subprocess.run(
+        ['mount', '-t', 'tmpfs', '-o', 'size=1m', 'none', str(folder)],
+        capture_output=True, text=True, check=False)
+    if made.returncode:
+        end = pytest.fail if os.environ.get('CI') == 'true' else pytest.skip
+        end(f'needs to mount a disk: {made.stderr.strip()}')
+    yield folder
+    subprocess.run(['umount', '--lazy', str(folder)], check=True)
+
+
+def fill(ballast: Path) -> None:
+    """Fill the disk that a file is on, to the last byte."""
+    with ballast.open('wb', buffering=0) as file, contextlib.suppress(OSError):
+        while True:
+            file.write(bytes(4096))

@@ -19,11 +19,11 @@ TRACK = Estimate(np.array([3.5, 1.0, 5.0, 0.25]), np.eye(4), 0.9, '1')
 DETECTION = Estimate(np.array([3.0, np.nan, 6.0, np.nan]), np.eye(4), 0.9)
 FRAMES_CSV = """\
 frame,stamp_s,detector,level,objects,declared,hits,false_alarms,rmse_position_m,\
-rmse_velocity_mps,gospa_m
-1,1.0,sdt,detection,0,0,0,0,,,0
-1,1.0,sdt,tracking,0,,,,,,
-2,1700000000.123457,sdt,detection,1,1,1,0,1,,1
-2,1700000000.123457,sdt,tracking,1,1,1,0,0.5,0.25,0.5
+rmse_velocity_mps,gospa_m,velocities,object_ids,hit_ids
+1,1.0,sdt,detection,0,0,0,0,,,0,0,,
+1,1.0,sdt,tracking,0,,,,,,,,,
+2,1700000000.123457,sdt,detection,1,1,1,0,1,,1,0,a,a
+2,1700000000.123457,sdt,tracking,1,1,1,0,0.5,0.25,0.5,1,a,a
 """
 
 
@@ -61,7 +61,8 @@ def test_summary_has_the_stable_keys(board, tmp_path):
     summary = json.loads((tmp_path / 'summary.json').read_text())
     assert summary['schema'] == 1
     assert (summary['scenario'], summary['seed']) == ('example3', 7)
-    assert summary['frames'] == {'published': 3, 'scored': 1, 'unanswered': 2}
+    assert summary['frames'] == {
+        'published': 3, 'scored': 1, 'unanswered': 2, 'unseen': 0}
     assert summary['evaluation']['gate_cells'] == 1.5
     chain = summary['detectors']['sdt']
     assert chain['detection']['pd'] == 1.0
@@ -79,7 +80,8 @@ def test_summary_can_be_written_before_the_first_frame_and_again(board, tmp_path
         first = json.loads((tmp_path / 'summary.json').read_text())
         score_two_frames(board, writer)
         writer.write_summary(summarize(board, scenario='s', seed=0, published=2))
-    assert first['frames'] == {'published': 0, 'scored': 0, 'unanswered': 0}
+    assert first['frames'] == {
+        'published': 0, 'scored': 0, 'unanswered': 0, 'unseen': 0}
     assert first['detectors']['sdt']['detection']['pd'] is None
     assert json.loads((tmp_path / 'summary.json').read_text())['frames']['scored'] == 1
     assert {path.name for path in tmp_path.iterdir()} == {

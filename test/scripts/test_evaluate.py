@@ -113,7 +113,8 @@ def test_without_truth_what_was_declared_is_counted(recorded, tmp_path):
                     '--results', tmp_path / 'run')
     assert (done.returncode, done.stderr) == (0, '')
     summary = json.loads((tmp_path / 'run' / 'summary.json').read_text())
-    assert summary['frames'] == {'published': FRAMES, 'scored': FRAMES, 'unanswered': 0}
+    assert summary['frames'] == {
+        'published': FRAMES, 'scored': FRAMES, 'unanswered': 0, 'unseen': 0}
     levels = summary['detectors']['sdt']
     theirs = json.loads((live / 'summary.json').read_text())['detectors']['sdt']
     for level in ('detection', 'tracking'):

@@ -11,7 +11,8 @@ def test_one_detector_scores_every_frame(bringup):
     code, out, err = run.finish()
     assert code == 0, err
     summary = run.summary()
-    assert summary['frames'] == {'published': FRAMES, 'scored': FRAMES, 'unanswered': 0}
+    assert summary['frames'] == {
+        'published': FRAMES, 'scored': FRAMES, 'unanswered': 0, 'unseen': 0}
     assert summary['detectors']['sdt']['operating_point'] == 'matched'
     assert f'{FRAMES} frames published, {FRAMES} scored, 0 unanswered' in out
     assert 'sdt       detection' in out
@@ -46,7 +47,7 @@ def test_all_detectors_run_side_by_side(bringup):
     code, out, err = run.finish()
     assert code == 0, err
     summary = run.summary()
-    assert summary['frames'] == {'published': 12, 'scored': 12, 'unanswered': 0}
+    assert summary['frames'] == {'published': 12, 'scored': 12, 'unanswered': 0, 'unseen': 0}
     for name in names:
         levels = summary['detectors'][name]
         assert levels['detection']['unanswered'] == levels['tracking']['unanswered'] == 0

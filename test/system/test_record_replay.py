@@ -99,7 +99,7 @@ def test_bag_without_truth_is_replayed_at_its_own_pace_and_counted(bringup, tmp_
     table, out = frames_csv(run)
     summary = run.summary()
     assert summary['scenario'] == 'beach'
-    assert summary['frames'] == {'published': 12, 'scored': 12, 'unanswered': 0}
+    assert summary['frames'] == {'published': 12, 'scored': 12, 'unanswered': 0, 'unseen': 0}
     detection = summary['detectors']['cdt']['detection']
     assert detection['declared'] > 0
     assert detection['frames_without_truth'] == 12

@@ -138,7 +138,8 @@ def test_run_goes_on_without_a_viewer_that_died(bringup):
     code, out, err = run.finish()
     assert code == 0, err
     assert 'the run goes on without viewer was killed by SIGKILL' in err
-    assert run.summary()['frames'] == {'published': FRAMES, 'scored': FRAMES, 'unanswered': 0}
+    assert run.summary()['frames'] == {
+        'published': FRAMES, 'scored': FRAMES, 'unanswered': 0, 'unseen': 0}
 
 
 def test_rviz_configuration_shows_the_topics_of_the_viewer():

@@ -9,6 +9,9 @@ from dataclasses import field
 
 from lowsnr_sensor.records import Estimate
 
+# Answers to frames that are not known to exist, kept because they may come first.
+_MOST_UNKNOWN = 1000
+
 
 @dataclass
 class Frame:
@@ -43,8 +46,8 @@ class Assembly:
     """
     Frames in the making.
 
-    A frame is whole when every topic has answered it.  It is given up when a later
-    frame is whole, since each topic answers in order, or when it is too old.
+    A frame is whole when every topic has answered it that still can.  It is given up when a
+    later frame is whole, since each topic answers in order, or when it is too old.
 
     Parameters
     ----------
@@ -52,14 +55,17 @@ class Assembly:
         Names of the topics that answer every frame.
     key
         The topic whose array says that a frame exists.
+    done
+        Stamp of the last frame that is done already [ns].
 
     """
 
-    def __init__(self, topics: Iterable[str], key: str) -> None:
+    def __init__(self, topics: Iterable[str], key: str, done: int = -1) -> None:
         self._topics = tuple(topics)
         self._key = key
         self._frames: dict[int, Frame] = {}
-        self._done = -1
+        self._done = done
+        self._mute = dict.fromkeys(self._topics, -1)  # stamps up to which nothing will come
 
     def add_array(self, topic: str, stamp: int, entries: list[Estimate], now_s: float) -> bool:
         """Take an array; False if its frame is done already or the array is a second one."""
@@ -95,6 +101,14 @@ class Assembly:
         taken = sorted(stamp for stamp in self._frames if stamp <= self._done)
         return [self._frames.pop(stamp) for stamp in taken]
 
+    def expect_no_more(self, topics: Iterable[str], before_s: float) -> None:
+        """Expect no answer of topics to frames whose key array came before a time [s]."""
+        known = [
+            stamp for stamp, frame in self._frames.items()
+            if frame.arrived.get(self._key, before_s) < before_s]
+        for topic in topics:
+            self._mute[topic] = max([self._mute[topic], *known])
+
     def counts(self) -> Mapping[str, int]:
         """Return how many frames wait."""
         return {'waiting': len(self._frames)}
@@ -102,7 +116,19 @@ class Assembly:
     def _frame(self, stamp: int) -> Frame | None:
         if stamp <= self._done:
             return None
-        return self._frames.setdefault(stamp, Frame(stamp))
+        if stamp not in self._frames:
+            self._frames[stamp] = Frame(stamp)
+            self._forget_unknown()
+        return self._frames[stamp]
+
+    def _forget_unknown(self) -> None:
+        """Forget the oldest answers to frames that nobody published, where there are many."""
+        if len(self._frames) > _MOST_UNKNOWN:
+            unknown = [s for s, frame in self._frames.items() if self._key not in frame.arrived]
+            for stamp in unknown[:-_MOST_UNKNOWN]:
+                del self._frames[stamp]
 
     def _is_whole(self, frame: Frame) -> bool:
-        return all(frame.answer(topic) is not None for topic in self._topics)
+        return all(
+            frame.stamp <= self._mute[topic] or frame.answer(topic) is not None
+            for topic in self._topics)

@@ -39,7 +39,9 @@ class EvaluatorNode(ManagedNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Open the results and subscribe to truth and answers."""
-        self._judge = Judge(self.run, self.evaluation, self.settings.seed, self.refuse)
+        self._judge = Judge(
+            self.run, self.evaluation, self.settings.seed, self.refuse,
+            resumed=self.settings.lives > 0)
         depth = reliable(self.settings.queue_depth)
         self._scored = self.create_publisher(DiagnosticArray, 'scored', depth)
         self.outputs = {self._scored: self.settings.consumers}
@@ -49,6 +51,7 @@ class EvaluatorNode(ManagedNode):
             self.listen(
                 Detection2DArray, topic, partial(self._on_array, topic), depth)
         self.listen(Image, 'image_raw', self._on_frame, any_reliability(WAITING))
+        self.create_subscription(DiagnosticArray, 'restarts', self._on_restart, depth)
         self.create_timer(_SUMMARY_EVERY_S, self._on_timer)
         return TransitionCallbackReturn.SUCCESS
 
@@ -56,7 +59,7 @@ class EvaluatorNode(ManagedNode):
         """Score what has come and write the summary."""
         self._score(time.monotonic())
         self._judge.flush()
-        self._judge.write_summary()
+        self._settle()
         return super().on_deactivate(state)
 
     def _on_array(self, topic: str, message: Detection2DArray) -> None:
@@ -86,7 +89,18 @@ class EvaluatorNode(ManagedNode):
     def _on_timer(self) -> None:
         self._score(time.monotonic() - self.run.answer_within_s)
         if self.active:
-            self._judge.write_summary()
+            self._settle()
+
+    def _on_restart(self, message: DiagnosticArray) -> None:
+        """Expect nothing of a node that was started again to what came before it was."""
+        for status in message.status:
+            since = {item.key: item.value for item in status.values}.get('started_s_ago', '0')
+            self._judge.expect_no_more(status.name, time.monotonic() - float(since))
+        self._score()
+
+    def _settle(self) -> None:
+        if trouble := self._judge.settle():
+            self.refuse(f'{trouble}; scores are kept until they can be written')
 
     def _score(self, older_than_s: float = -float('inf')) -> None:
         """Score the frames that are whole, or have waited since ``older_than_s``."""

@@ -51,6 +51,11 @@ class Node:
     needed: bool = True
 
     @property
+    def source(self) -> bool:
+        """Whether the frames come from it."""
+        return self.name in ('sensor', 'player')
+
+    @property
     def path(self) -> str:
         """Fully qualified name."""
         return f'{self.namespace}/{self.name}'

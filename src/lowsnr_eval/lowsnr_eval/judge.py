@@ -11,6 +11,8 @@ from lowsnr_eval.assembly import Assembly
 from lowsnr_eval.assembly import Frame
 from lowsnr_eval.results import ResultsWriter
 from lowsnr_eval.results import summarize
+from lowsnr_eval.resumption import resume
+from lowsnr_eval.resumption import Resumed
 from lowsnr_eval.run_settings import RunSettings
 from lowsnr_eval.scene import SceneWriter
 from lowsnr_eval.scoreboard import Scoreboard
@@ -46,6 +48,8 @@ class Judge:
         Root seed of the run.
     refuse
         Called with a line for each frame that cannot be scored.
+    resumed
+        Whether it goes on from what an earlier life of it left in the folder.
 
     Raises
     ------
@@ -56,6 +60,7 @@ class Judge:
 
     def __init__(
         self, run: RunSettings, evaluation: Evaluation, seed: int, refuse: Callable[[str], None],
+        resumed: bool = False,
     ) -> None:
         self._run, self._seed, self._refuse = run, seed, refuse
         space = '{}/' if run.namespaces else ''
@@ -67,12 +72,13 @@ class Judge:
         self._key = self.topics[0]
         folder = Path(run.results)
         folder.mkdir(parents=True, exist_ok=True)
-        self._writer = ResultsWriter(folder)
-        self._scene = SceneWriter(folder, evaluation.sensor.cell_size_m)
         self._board = Scoreboard(evaluation, run.detectors)
-        self._assembly = Assembly(self.topics, self._key)
+        before = resume(folder, self._board) if resumed else Resumed()
+        self._writer = ResultsWriter(folder, before.ends)
+        self._scene = SceneWriter(folder, evaluation.sensor.cell_size_m, resumed)
+        self._assembly = Assembly(self.topics, self._key, before.stamp)
         self.see = self._scene.see
-        self.published = self.number = 0
+        self.published = self.number = before.number
 
     def __enter__(self) -> Judge:
         return self
@@ -103,6 +109,25 @@ class Judge:
         """Score the frames that are whole, or have waited since ``older_than_s``."""
         return [judged for frame in self._assembly.take(older_than_s)
                 if (judged := self._score_one(frame)) is not None]
+
+    def expect_no_more(self, node: str, before_s: float) -> None:
+        """Expect no answer of a node (its full name) to frames that came before a time [s]."""
+        space, _, name = node.strip('/').rpartition('/')
+        for chain, topics in self._chains.items():
+            if space in ('', chain) and name == f'{chain}_detector':
+                self._assembly.expect_no_more(topics, before_s)
+            elif name == 'tracker' and space in ('', chain):
+                self._assembly.expect_no_more(topics[1:], before_s)
+
+    def settle(self) -> str:
+        """Have all on disk that was scored, and the summary; say what is wrong with that."""
+        trouble = self._writer.settle()
+        try:
+            self.write_summary()
+            self._writer.write_checkpoint({'board': self._board.state()})
+        except OSError as error:
+            trouble = trouble or f'{self._run.results}: {error.strerror}'
+        return trouble
 
     def write_summary(self) -> None:
         """Write ``summary.json`` of the frames so far."""

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 import time
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray
 from lowsnr_eval.bags.reader import Bag
 from lowsnr_eval.bags.replaying import played_frames
 from lowsnr_eval.bags.replaying import PlayedFrame
 from lowsnr_eval.bags.settings import PlayerSettings
 from lowsnr_sensor.ros import messages
+from lowsnr_sensor.ros.lockstep import Lockstep
 from lowsnr_sensor.ros.params import declare
 from lowsnr_sensor.ros.runtime import frame_depth
 from lowsnr_sensor.ros.runtime import ManagedNode
@@ -47,9 +48,9 @@ class PlayerNode(ManagedNode):
         """Open the bag and create the publishers."""
         depth, playing = self.settings.queue_depth, self.playing
         self._bag = Bag(Path(playing.bag))
-        self._frames = played_frames(self._bag, playing.frames_topic, playing.truth_topic)
         self._left = playing.frames or -1
-        self._last_stamp = -1
+        self._frames = self._after(
+            played_frames(self._bag, playing.frames_topic, playing.truth_topic))
         self._image = self.create_publisher(
             Image, 'image_raw', reliable(frame_depth(depth, playing.rows, playing.cols)))
         self._data_time = self.create_publisher(Clock, '/clock', reliable(depth))
@@ -61,7 +62,7 @@ class PlayerNode(ManagedNode):
                 Odometry, 'ground_truth/odometry', reliable(depth))
             self.outputs |= dict.fromkeys(
                 (self._array, self._odometry), bool(self.settings.consumers))
-        self.listen(DiagnosticArray, 'scored', self._on_scored, reliable(depth))
+        self._lockstep = Lockstep(self, self._publish_next, playing.patience_s)
         self._next = next(self._frames, None)
         return TransitionCallbackReturn.SUCCESS
 
@@ -78,10 +79,13 @@ class PlayerNode(ManagedNode):
         self.destroy_timer(self._timer)
         return super().on_deactivate(state)
 
-    def _on_scored(self, message: DiagnosticArray) -> None:
-        waited_for = messages.stamp_key(message.header.stamp) == self._last_stamp
-        if self.active and self.playing.lockstep and waited_for:
-            self._publish_next()
+    def _after(self, frames: Iterator[PlayedFrame]) -> Iterator[PlayedFrame]:
+        """Yield the frames that an earlier life of this node has not played."""
+        for frame in frames:
+            if frame.stamp_ns > self.playing.resume_after_ns:
+                yield frame
+            else:
+                self._left -= 1
 
     def _publish_next(self) -> None:
         self._timer.cancel()
@@ -89,14 +93,16 @@ class PlayerNode(ManagedNode):
         if frame is None or self._left == -1:
             self._finish()
             return
-        self._last_stamp = frame.stamp_ns
+        # A frame of which no truth is known is not scored, so it is not waited for.
+        scored = frame.truth is not None or not self.playing.truth_topic
+        waits = self.playing.lockstep and scored
+        if waits:
+            self._lockstep.sent(frame.stamp_ns)
         self._publish(frame)
         self._played += 1
         self.counts['out'] += 1
         self._next = next(self._frames, None)
-        # A frame of which no truth is known is not scored, so it is not waited for.
-        scored = frame.truth is not None or not self.playing.truth_topic
-        if not (self.playing.lockstep and scored):
+        if not waits:
             self._timer.timer_period_ns = round(1e9 * max(_AT_ONCE_S, self._wait_s()))
             self._timer.reset()
 
@@ -132,8 +138,7 @@ class PlayerNode(ManagedNode):
         for note in self._bag.notes:
             self.get_logger().warning(note)
         self._bag.close()
-        self.report()
-        self.context.try_shutdown()
+        self.finish()
 
 
 def main(args: list[str] | None = None) -> None:

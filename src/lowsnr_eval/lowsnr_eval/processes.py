@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+from types import MappingProxyType
 from typing import BinaryIO
 
 from lowsnr_eval.graph import Node
@@ -18,6 +19,8 @@ from lowsnr_sensor.parent import LIFELINE
 
 _TERM_WITHIN_S = 2.0
 _LAST_LINES = 8
+TERMINATED = 128 + signal.SIGTERM
+NONE: Mapping[str, object] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -35,11 +38,16 @@ class NodeProcess:
             return 'runs'
         if status < 0:
             return f'was killed by {signal.Signals(-status).name}'
+        if status == TERMINATED:
+            return 'was ended by SIGTERM'
         return f'ended with status {status}'
 
     def last_lines(self) -> str:
         """Return the last lines of its log, indented."""
-        lines = self.log.read_text(encoding='utf-8', errors='replace').splitlines()
+        try:
+            lines = self.log.read_text(encoding='utf-8', errors='replace').splitlines()
+        except OSError as error:
+            return f'    (it cannot be read: {error.strerror})'
         return '\n'.join(f'    {line}' for line in lines[-_LAST_LINES:]) or '    (it is empty)'
 
 
@@ -74,19 +82,28 @@ class ProcessGroup:
         os.close(self._pipe_in)
         os.close(self._pipe_out)
 
-    def start(self, node: Node, parameter_file: Path) -> NodeProcess:
-        """Start one node with its parameters; its output goes to ``<label>.log``."""
+    def start(
+        self, node: Node, parameter_file: Path, parameters: Mapping[str, object] = NONE,
+    ) -> NodeProcess:
+        """
+        Start one node with its parameters; its output goes to the end of ``<label>.log``.
+
+        ``parameters`` go over those of the file.  A process that the node had before is no
+        longer a member.
+        """
         command = [sys.executable, '-m', node.module, *node.arguments, '--ros-args',
                    '--params-file', str(parameter_file)]
+        for name, value in parameters.items():
+            command += ['-p', f'{name}:={value}']
         if node.namespace:
             command += ['-r', f'__ns:={node.namespace}']
         for remap in node.remaps:
             command += ['-r', remap]
         path = self._logs / f'{node.label}.log'
-        with path.open('wb') as log:
+        with path.open('ab') as log:
             process = self._spawn(command, log)
         member = NodeProcess(node, process, path)
-        self.members.append(member)
+        self.members = [other for other in self.members if other.node != node] + [member]
         return member
 
     def _spawn(self, command: list[str], log: BinaryIO) -> subprocess.Popen[bytes]:

@@ -13,6 +13,7 @@ from typing import Any
 from typing import NoReturn
 
 from lowsnr_eval.bags.definitions import type_definition
+from lowsnr_eval.bags.recording import bag_of_life
 from lowsnr_eval.bags.recording import CUSTOM_LOSSES
 from lowsnr_eval.bags.recording import CUSTOM_PARAMETERS
 from lowsnr_eval.bags.recording import Tally
@@ -60,7 +61,9 @@ class RecorderNode(ManagedNode):
         custom = {}
         if self.recording.run_parameters:
             custom[CUSTOM_PARAMETERS] = file.read_text(encoding='utf-8')
-        self._bag = BagWriter(Path(self.recording.bag), self.recording.storage, custom)
+        self._bag = BagWriter(
+            bag_of_life(Path(self.recording.bag), self.settings.lives), self.recording.storage,
+            custom)
         self._tallies: dict[str, Tally] = {}
         self._refused: set[str] = set()
         self._readers: dict[str, tuple[Any, type]] = {}

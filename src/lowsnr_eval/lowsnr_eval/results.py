@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from contextlib import ExitStack
-import csv
+from collections.abc import Mapping
 import json
 import os
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from lowsnr_eval.growing_file import GrowingFile
+from lowsnr_eval.score_tables import as_lines
+from lowsnr_eval.score_tables import FRAME_COLUMNS
+from lowsnr_eval.score_tables import frame_row
+from lowsnr_eval.score_tables import LATENCY_COLUMNS
+from lowsnr_eval.score_tables import latency_row
 from lowsnr_eval.scoreboard import Scoreboard
 from lowsnr_eval.scoring import Answer
 from lowsnr_eval.scoring import FrameScore
@@ -20,10 +25,7 @@ SCHEMA = 1
 FRAMES_FILE = 'frames.csv'
 LATENCY_FILE = 'latency.csv'
 SUMMARY_FILE = 'summary.json'
-FRAME_COLUMNS = (
-    'frame', 'stamp_s', 'detector', 'level', 'objects', 'declared', 'hits', 'false_alarms',
-    'rmse_position_m', 'rmse_velocity_mps', 'gospa_m')
-LATENCY_COLUMNS = ('frame', 'detector', 'latency_ms', 'detection_ms')
+CHECKPOINT_FILE = 'checkpoint.json'
 
 
 def fresh_folder(wanted: Path) -> Path:
@@ -95,10 +97,37 @@ def summarize(
         'scenario': scenario,
         'seed': seed,
         'frames': {
-            'published': published, 'scored': scored, 'unanswered': published - scored},
+            'published': published, 'scored': scored, 'unanswered': published - scored,
+            'unseen': 0},
+        'restarts': {},
         'evaluation': flat_values(board.evaluation),
         'detectors': board.figures(),
     }
+
+
+def note_losses(folder: Path, published: int, restarts: Mapping[str, int]) -> None:
+    """
+    Add to ``summary.json`` what only the starter of the nodes knows.
+
+    Parameters
+    ----------
+    folder
+        Results folder; without a summary nothing is done.
+    published
+        Frames that the source sent; those that the evaluator has not heard of are ``unseen``.
+    restarts
+        How often each node was started again, by its label.
+
+    """
+    try:
+        summary = json.loads((folder / SUMMARY_FILE).read_text(encoding='utf-8'))
+        frames = summary['frames']
+        frames['unseen'] = max(0, published - frames['published'])
+        frames['published'] += frames['unseen']
+        summary['restarts'] = dict(restarts)
+        _write_whole(folder / SUMMARY_FILE, _as_text(summary))
+    except OSError:
+        return  # there is no summary, or no room: the evaluator has said so
 
 
 class ResultsWriter:
@@ -107,12 +136,15 @@ class ResultsWriter:
 
     ``frames.csv`` has one line for each frame, detector and level and nothing that depends on
     the wall clock; ``latency.csv`` has that.  Every line is on disk when the call returns, so
-    that an interrupted run loses nothing it scored.
+    that an interrupted run loses nothing it scored; on a full disk it is as soon as there is
+    room again.
 
     Parameters
     ----------
     folder
         The folder, which exists.
+    ends
+        Where ``frames.csv`` and ``latency.csv`` of an earlier life go on [bytes].
 
     Raises
     ------
@@ -121,15 +153,16 @@ class ResultsWriter:
 
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(
+        self, folder: Path, ends: tuple[int | None, int | None] = (None, None),
+    ) -> None:
         self._folder = folder
-        self._files = ExitStack()
+        self._frames = _opened(folder / FRAMES_FILE, FRAME_COLUMNS, ends[0])
         try:
-            self._frames = self._table(FRAMES_FILE, FRAME_COLUMNS)
-            self._latency = self._table(LATENCY_FILE, LATENCY_COLUMNS)
-        except OSError as error:
-            self.close()
-            raise _cannot_write(folder, error) from None
+            self._latency = _opened(folder / LATENCY_FILE, LATENCY_COLUMNS, ends[1])
+        except ValueError:
+            self._frames.close()
+            raise
 
     def __enter__(self) -> ResultsWriter:
         return self
@@ -142,49 +175,50 @@ class ResultsWriter:
 
     def add_scores(self, scores: Iterable[FrameScore]) -> None:
         """Append the scores of a frame to ``frames.csv``."""
-        self._frames.writerows(map(_frame_row, scores))
+        self._frames.append(as_lines(map(frame_row, scores)))
 
     def add_latency(self, frame: int, detector: str, answer: Answer) -> None:
         """Append the wall times from a frame to tracks and detections to ``latency.csv``."""
-        times = (answer.latency_ms, answer.detection_ms)
-        self._latency.writerow(
-            (frame, detector, *('' if each is None else f'{each:.3f}' for each in times)))
+        self._latency.append(as_lines([latency_row(frame, detector, answer)]))
+
+    def settle(self) -> str:
+        """Write what waits for room, make again what was removed; say what is wrong."""
+        return self._frames.settle() or self._latency.settle()
+
+    def write_checkpoint(self, state: dict[str, Any]) -> None:
+        """Write what a restart goes on from, with the sizes of the tables it belongs to."""
+        _write_whole(self._folder / CHECKPOINT_FILE, json.dumps(
+            state | {'ends': [self._frames.size, self._latency.size]}))
 
     def write_summary(self, summary: dict[str, Any]) -> None:
         """Write ``summary.json``; whoever reads it sees the whole of it, old or new."""
-        text = json.dumps(summary, indent=2, allow_nan=False)
-        draft = self._folder / f'{SUMMARY_FILE}.tmp'
-        draft.write_text(f'{text}\n', encoding='utf-8')
-        draft.replace(self._folder / SUMMARY_FILE)
+        _write_whole(self._folder / SUMMARY_FILE, _as_text(summary))
 
     def close(self) -> None:
         """Close the files; what was written stays."""
-        self._files.close()
-
-    def _table(self, name: str, columns: tuple[str, ...]) -> Any:
-        file = self._files.enter_context(
-            (self._folder / name).open('a', buffering=1, encoding='utf-8', newline=''))
-        if file.tell() > 0:
-            raise FileExistsError(0, f'{name} holds earlier results')
-        writer = csv.writer(file, lineterminator='\n')
-        writer.writerow(columns)
-        return writer
+        self._frames.close()
+        self._latency.close()
 
 
-def _frame_row(score: FrameScore) -> list[Any]:
-    """Return the fields of a score; those without an answer or without truth are empty."""
-    # repr is the shortest text that reads back as the same time, also for seconds since 1970.
-    stamp = repr(float(score.stamp_s))
-    objects = '' if score.objects is None else len(score.objects)
-    row: list[Any] = [score.frame, stamp, score.detector, score.level, objects]
-    outcome = score.outcome
-    if outcome is None:
-        return row + [''] * (len(FRAME_COLUMNS) - len(row))
-    figures = (outcome.rmse_position_m, outcome.rmse_velocity_mps, outcome.gospa_m)
-    return row + [
-        outcome.declared, *(
-            ('', '') if score.objects is None else (len(outcome.hit), outcome.false_alarms)),
-        *('' if value is None else f'{value:.9g}' for value in figures)]
+def _as_text(summary: Mapping[str, Any]) -> str:
+    return json.dumps(summary, indent=2, allow_nan=False) + '\n'
+
+
+def _write_whole(path: Path, text: str) -> None:
+    """Write a file; whoever reads it sees the whole of it, old or new."""
+    draft = path.with_name(f'{path.name}.tmp')
+    draft.write_text(text, encoding='utf-8')
+    draft.replace(path)
+
+
+def _opened(path: Path, columns: tuple[str, ...], end: int | None) -> GrowingFile:
+    try:
+        file = GrowingFile(path, end)
+    except OSError as error:
+        raise _cannot_write(path.parent, error) from None
+    if file.size == 0:
+        file.append(as_lines([columns]))
+    return file
 
 
 def _cannot_write(folder: Path, error: OSError) -> ValueError:

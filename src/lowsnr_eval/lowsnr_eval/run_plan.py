@@ -27,6 +27,7 @@ from lowsnr_sensor.scenario import load_scenario
 _DETECTION_READERS = 2
 _SCORED_READERS = 2
 _DETECTABLE = '32FC1'
+_PATIENCE_BEYOND_S = 5.0
 Layer = dict[str, dict[str, Any]]
 
 
@@ -50,6 +51,7 @@ class RunOptions:
     truth_topic: str = '/ground_truth'
     condition: str = 'auto'
     view: bool = False
+    respawn: bool | None = None
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,7 @@ class RunPlan:
 
     ``parameters`` are by full node name, ``detectors`` the detector instances with their
     settings by full node name, ``frames`` is None for a run without end, ``notes`` say what is
-    wrong with the bag that is replayed.
+    wrong with the bag that is replayed, ``respawn`` whether nodes that die are started again.
     """
 
     name: str
@@ -68,6 +70,7 @@ class RunPlan:
     detectors: dict[str, Any]
     frames: int | None
     notes: tuple[str, ...] = ()
+    respawn: bool = False
 
     @property
     def frame_bytes(self) -> int:
@@ -110,12 +113,16 @@ def plan_run(options: RunOptions, config_folder: Path) -> RunPlan:
     parameters = graph.parameters(nodes, _tracker_layer(nodes, detectors), *layers)
     parameters['/evaluator']['operating_points'] = [
         parameters[node].get('operating_point', 'matched') for node in detectors]
+    # Only what the evaluator itself gives up is not waited for.
+    parameters[nodes[-1].path].setdefault(
+        'patience_s', _PATIENCE_BEYOND_S + parameters['/evaluator'].get('answer_within_s', 10.0))
     frames = None if options.loop else options.frames or source.frames
     if recorded is not None:
         frames = min(options.frames or source.frames, source.frames)
     return RunPlan(
         '-'.join([source.name, *names]), nodes, parameters, detectors, frames,
-        recorded.notes if recorded else ())
+        recorded.notes if recorded else (),
+        options.loop if options.respawn is None else options.respawn)
 
 
 def _inspected(options: RunOptions) -> RecordedRun | None:

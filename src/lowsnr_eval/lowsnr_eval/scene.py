@@ -12,6 +12,8 @@ from collections.abc import Mapping
 from collections.abc import Sequence
 from contextlib import ExitStack
 import json
+import math
+import os
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -62,18 +64,20 @@ class SceneWriter:
         Results folder, which exists.
     cell_size_m
         Side of a cell [m].
+    resumed
+        Whether it goes on behind what stands in the files.
 
     """
 
-    def __init__(self, folder: Path, cell_size_m: float) -> None:
+    def __init__(self, folder: Path, cell_size_m: float, resumed: bool = False) -> None:
         self._cell_size_m = cell_size_m
-        self._cells = self._letters = 0
+        self._letters, self._cells = _cut_to_whole(folder) if resumed else (0, 0)
         self._frames: dict[int, tuple[int, np.ndarray]] = {}
         self._said: deque[tuple[int, dict[str, Any]]] = deque()
-        self.full = False
+        self.full = max(self._letters, self._cells) > _BUDGET
         self._files = ExitStack()
         self._lines, self._pixels = (
-            self._files.enter_context((folder / name).open('wb', buffering=0))
+            self._files.enter_context((folder / name).open('ab' if resumed else 'wb', buffering=0))
             for name in (SCENE_FILE, PIXELS_FILE))
 
     def __enter__(self) -> SceneWriter:
@@ -151,6 +155,23 @@ class SceneWriter:
         places = [(*(item.state[POS] / self._cell_size_m).tolist(), item.id) for item in items]
         return [[round(x, 3), round(y, 3), name] for x, y, name in places
                 if np.isfinite(x) and np.isfinite(y)]
+
+
+def _cut_to_whole(folder: Path) -> tuple[int, int]:
+    """Cut both files to the frames that are whole; return the letters and cells left."""
+    letters = cells = 0
+    try:
+        most = (folder / PIXELS_FILE).stat().st_size // 4
+        for text in (folder / SCENE_FILE).read_bytes().splitlines(keepends=True):
+            size = math.prod(json.loads(text)['shape'] or [0])
+            if not text.endswith(b'\n') or cells + size > most:
+                break
+            letters, cells = letters + len(text), cells + size
+        os.truncate(folder / SCENE_FILE, letters)
+        os.truncate(folder / PIXELS_FILE, 4 * cells)
+    except (OSError, ValueError, KeyError, TypeError):
+        letters = cells = _BUDGET + 1  # nothing is to be added to what cannot be read
+    return letters, cells
 
 
 def read_scene(folder: Path) -> tuple[list[dict[str, Any]], list[np.ndarray | None]]:

@@ -44,8 +44,10 @@ class Scoreboard:
 
     def __init__(self, evaluation: Evaluation, detectors: Sequence[str]) -> None:
         self.evaluation = evaluation
+        self.chains = len(detectors)
         self.frames = 0
         self.unanswered = 0
+        self.stamp_s = 0.0
         self._tallies = {name: {level: _Tally() for level in LEVELS} for name in detectors}
         self._latencies_ms = {name: (array('d'), array('d')) for name in detectors}
 
@@ -75,21 +77,53 @@ class Scoreboard:
         """
         objects = None if truth is None else tuple(item.id for item in truth)
         scores = []
-        for name, tallies in self._tallies.items():
+        for name in self._tallies:
             answer = answers.get(name, Answer())
-            for times, each in zip(
-                    self._latencies_ms[name], (answer.latency_ms, answer.detection_ms)):
-                if each is not None:
-                    times.append(each)
+            self.add_times(name, answer)
             for level, estimates in zip(LEVELS, (answer.detections, answer.tracks)):
                 outcome = None
                 if estimates is not None:
                     outcome = compare(truth, estimates, self.evaluation)
                 scores.append(FrameScore(frame, stamp_s, name, level, objects, outcome))
-                tallies[level].add(scores[-1])
+        self.replay(scores)
+        return scores
+
+    def replay(self, scores: Sequence[FrameScore]) -> None:
+        """Count the scores of one frame."""
+        for score in scores:
+            self._tallies[score.detector][score.level].add(score)
+            self.stamp_s = score.stamp_s
         self.frames += 1
         self.unanswered += any(score.outcome is None for score in scores)
-        return scores
+
+    def add_times(self, detector: str, answer: Answer) -> None:
+        """Count how long a chain took to answer."""
+        for times, each in zip(
+                self._latencies_ms[detector], (answer.latency_ms, answer.detection_ms)):
+            if each is not None:
+                times.append(each)
+
+    def state(self) -> dict[str, Any]:
+        """Return all that was counted, as JSON has it."""
+        return {
+            'frames': self.frames, 'unanswered': self.unanswered, 'stamp_s': self.stamp_s,
+            'tallies': {name: {level: tally.state() for level, tally in tallies.items()}
+                        for name, tallies in self._tallies.items()},
+            'latencies_ms': {name: [list(times) for times in pair]
+                             for name, pair in self._latencies_ms.items()}}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Take over what :meth:`state` returned in an earlier life."""
+        tallies = {name: {level: _Tally.of(found) for level, found in levels.items()}
+                   for name, levels in state['tallies'].items()}
+        if tallies.keys() != self._tallies.keys():
+            raise ValueError('the checkpoint is that of other chains')
+        self._tallies = tallies
+        self.frames, self.unanswered = state['frames'], state['unanswered']
+        self.stamp_s = state['stamp_s']
+        self._latencies_ms = {
+            name: (array('d', pair[0]), array('d', pair[1]))
+            for name, pair in state['latencies_ms'].items()}
 
     def figures(self) -> dict[str, dict[str, Any]]:
         """Return the figures of every chain so far; None for those that do not exist."""
@@ -112,6 +146,25 @@ class _Tally:
         self._present: set[str] = set()
         self._not_yet_hit: dict[str, int] = {}
         self._frames_to_hit = 0
+
+    @classmethod
+    def of(cls, state: Mapping[str, Any]) -> _Tally:
+        """Return the tally of which :meth:`state` was taken."""
+        tally = cls()
+        tally._counts |= state['counts']
+        tally._position, tally._velocity, tally._gospa = (
+            RootMeanSquare(*sums) for sums in state['sums'])
+        tally._present, tally._not_yet_hit = set(state['present']), dict(state['not_yet_hit'])
+        tally._frames_to_hit = state['frames_to_hit']
+        return tally
+
+    def state(self) -> dict[str, Any]:
+        """Return the sums as JSON has them."""
+        return {
+            'counts': self._counts, 'present': sorted(self._present),
+            'not_yet_hit': self._not_yet_hit, 'frames_to_hit': self._frames_to_hit,
+            'sums': [(each.total, each.count)
+                     for each in (self._position, self._velocity, self._gospa)]}
 
     def add(self, score: FrameScore) -> None:
         self._note_appearances(score)

@@ -37,7 +37,11 @@ def format_table(summary: Mapping[str, Any]) -> str:
     frames, detectors = summary['frames'], summary['detectors']
     title = (
         f'{summary["scenario"]}, seed {summary["seed"]}: {frames["published"]} frames '
-        f'published, {frames["scored"]} scored, {frames["unanswered"]} unanswered')
+        f'published, {frames["scored"]} scored, {frames["unanswered"]} unanswered'
+        + (f', {frames["unseen"]} unseen' if frames['unseen'] else ''))
+    if summary['restarts']:
+        title += '\nstarted again: ' + ', '.join(
+            f'{name} {count} x' for name, count in summary['restarts'].items())
     rows = [
         _row(name, level, figures[level])
         for name, figures in detectors.items() for level in _LEVELS]

@@ -16,7 +16,7 @@ from lowsnr_sensor.config import check_settings
 from lowsnr_sensor.config import setting
 from lowsnr_sensor.motion import POS
 import numpy as np
-from scipy import ndimage
+import scipy
 
 # Cells further than this many blur widths from the object get less than 1e-5 of its peak.
 _REACH = 5.0
@@ -140,5 +140,5 @@ class SensorModel:
 def _separable(frame: np.ndarray, kernel: np.ndarray, axes: tuple[int, int]) -> np.ndarray:
     """Convolve the two given axes with a symmetric kernel, zero outside the frame."""
     for axis in axes:
-        frame = ndimage.correlate1d(frame, kernel, axis=axis, mode='constant')
+        frame = scipy.ndimage.correlate1d(frame, kernel, axis=axis, mode='constant')
     return frame

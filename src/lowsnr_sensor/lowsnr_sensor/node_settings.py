@@ -25,6 +25,9 @@ class NodeSettings:
     queue_depth: int = setting(
         1000, 'messages kept for a slow reader; frames at most 256 MiB', ge=1, le=100_000)
     seed: int = setting(0, 'root seed of the random streams', ge=0)
+    lives: int = setting(
+        0, 'how often the node was started before in the same run; above 0 it goes on where it '
+        'was', ge=0)
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -42,6 +45,10 @@ class SimulationSettings:
     lockstep: bool = setting(
         False, 'publish a frame when the one before has been scored, not by the clock')
     loop: bool = setting(False, 'repeat the scenario, with new noise, until stopped')
+    patience_s: float = setting(
+        15.0, 'longest wait, in lockstep, for a frame to be scored [s]', gt=0.0)
+    resume_after_ns: int = setting(
+        -1, 'stamp after which the frames go on where the node was started again [ns]', ge=-1)
 
     def __post_init__(self) -> None:
         check_settings(self)

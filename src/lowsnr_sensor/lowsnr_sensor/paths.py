@@ -13,7 +13,7 @@ from lowsnr_sensor.motion import process_noise_sqrt
 from lowsnr_sensor.motion import transition_matrix
 from lowsnr_sensor.motion import VEL
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 # Random paths are drawn many at a time, and the first that fits is taken.
 _DRAWS = 200
@@ -108,7 +108,8 @@ def path_along_legs(
 def path_through_waypoints(waypoints: Sequence[Waypoint], period_s: float) -> np.ndarray:
     """Return the (frames, 4) states [m, m/s] of a cubic spline through the waypoints."""
     frames = np.array([point.frame for point in waypoints])
-    spline = CubicSpline(frames * period_s, [(point.x_m, point.y_m) for point in waypoints])
+    spline = scipy.interpolate.CubicSpline(
+        frames * period_s, [(point.x_m, point.y_m) for point in waypoints])
     times = np.arange(frames[0], frames[-1] + 1) * period_s
     path = np.empty((len(times), 4))
     path[:, POS] = spline(times)

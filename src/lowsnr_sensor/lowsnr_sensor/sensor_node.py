@@ -6,11 +6,11 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 from lowsnr_sensor.node_settings import SimulationSettings
 from lowsnr_sensor.records import Estimate
 from lowsnr_sensor.records import Truth
 from lowsnr_sensor.ros import messages
+from lowsnr_sensor.ros.lockstep import Lockstep
 from lowsnr_sensor.ros.params import declare
 from lowsnr_sensor.ros.runtime import frame_depth
 from lowsnr_sensor.ros.runtime import ManagedNode
@@ -51,12 +51,13 @@ class SensorNode(ManagedNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Draw the truth and create the publishers."""
         depth, model = self.settings.queue_depth, self.simulation.sensor
-        self._noise = stream(self.settings.seed, 'noise')
+        # Note: a node that was started again goes on with other noise than it would have had.
+        self._noise = stream(self.settings.seed, 'noise', self.settings.lives)
         self._truth = self.scenario.truth(
             model.frame_period_s, model.cell_size_m, stream(self.settings.seed, 'truth'))
         last = self.simulation.frames or self.scenario.frames
-        self._last_stamp = -1
-        self._frames = iter(count(1) if self.simulation.loop else range(1, last + 1))
+        first = 1 + max(0, round(self.simulation.resume_after_ns / 1e9 / model.frame_period_s))
+        self._frames = iter(count(first) if self.simulation.loop else range(first, last + 1))
         self._image = self.create_publisher(
             Image, 'image_raw', reliable(frame_depth(depth, *self.scenario.shape)))
         self._array = self.create_publisher(
@@ -67,7 +68,7 @@ class SensorNode(ManagedNode):
         self.outputs = {
             self._image: self.settings.consumers, self._array: bool(self.settings.consumers),
             self._odometry: bool(self.settings.consumers), self._data_time: 0}
-        self.listen(DiagnosticArray, 'scored', self._on_scored, reliable(depth))
+        self._lockstep = Lockstep(self, self._publish_next, self.simulation.patience_s)
         self._prepare()
         return TransitionCallbackReturn.SUCCESS
 
@@ -87,11 +88,6 @@ class SensorNode(ManagedNode):
             self._timer.cancel()
         self._publish_next()
 
-    def _on_scored(self, message: DiagnosticArray) -> None:
-        waited_for = messages.stamp_key(message.header.stamp) == self._last_stamp
-        if self.active and self.simulation.lockstep and waited_for:
-            self._publish_next()
-
     def _prepare(self) -> None:
         """Make the next frame while the graph works on the last."""
         k = next(self._frames, None)
@@ -109,7 +105,8 @@ class SensorNode(ManagedNode):
         header = Header(
             stamp=messages.stamp_from_seconds(k * self.simulation.sensor.frame_period_s),
             frame_id=FRAME_ID)
-        self._last_stamp = messages.stamp_key(header.stamp)
+        if self.simulation.lockstep:
+            self._lockstep.sent(messages.stamp_key(header.stamp))
         estimates = [Estimate(o.state, np.zeros((4, 4)), 1.0, o.id) for o in objects]
         self._data_time.publish(Clock(clock=header.stamp))
         for item in estimates:
@@ -124,8 +121,7 @@ class SensorNode(ManagedNode):
         """End the process once every reader has acknowledged every message."""
         for publisher in (self._odometry, self._array, self._image):
             publisher.wait_for_all_acked(Duration(seconds=10))
-        self.report()
-        self.context.try_shutdown()
+        self.finish()
 
 
 def main(args: list[str] | None = None) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from lowsnr_sensor.records import Estimate
@@ -62,6 +63,10 @@ class TrackerNode(ManagedNode):
         self, confirmed: list[Estimate], tentative: list[Estimate], header: Header,
     ) -> None:
         cell = self.tracker.sensor.cell_size_m
+        if self.settings.lives:  # ids of earlier lives are not used again
+            confirmed, tentative = (
+                [replace(item, id=f'{self.settings.lives + 1}.{item.id}') for item in items]
+                for items in (confirmed, tentative))
         for item in confirmed:
             self._odometry.publish(messages.estimate_to_odometry(item, header))
         self._tentative.publish(messages.estimates_to_array(tentative, header, cell))

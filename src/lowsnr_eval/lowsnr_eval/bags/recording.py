@@ -44,6 +44,11 @@ class Tally:
         self.last = number
 
 
+def bag_of_life(bag: Path, lives: int) -> Path:
+    """Return the bag of a recorder that was started so often before: each has its own."""
+    return bag.with_name(f'{bag.name}-{lives + 1}') if lives else bag
+
+
 def describe_bag(folder: Path) -> str:
     """Say in a line what a recorder left in a folder."""
     try:

@@ -44,6 +44,10 @@ class PlayerSettings:
         le=100_000.0)
     lockstep: bool = setting(
         False, 'publish a frame when the one before has been scored, not by the clock')
+    patience_s: float = setting(
+        15.0, 'longest wait, in lockstep, for a frame to be scored [s]', gt=0.0)
+    resume_after_ns: int = setting(
+        -1, 'stamp after which the frames go on where the node was started again [ns]', ge=-1)
 
     def __post_init__(self) -> None:
         check_settings(self)

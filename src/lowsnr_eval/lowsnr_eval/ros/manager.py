@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from collections.abc import Iterable
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import KeyValue
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from lifecycle_msgs.srv import GetState
 from lowsnr_eval.graph import Node as GraphNode
 from lowsnr_eval.ros.transition import PendingTransition
+from lowsnr_sensor.ros.messages import stamp_key
 from lowsnr_sensor.ros.runtime import reliable
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rosgraph_msgs.msg import Clock
 
 CONFIGURE = Transition.TRANSITION_CONFIGURE
 ACTIVATE = Transition.TRANSITION_ACTIVATE
@@ -62,6 +67,13 @@ class Manager:
             for node in nodes}
         self._scored = self._node.create_subscription(
             DiagnosticArray, 'scored', self._count, reliable(10_000))
+        self.published, self.newest_ns = 0, -1
+        self.restarted: Counter[str] = Counter()
+        self._node.create_subscription(Clock, 'clock', self._on_clock, reliable(10_000))
+        self._active: dict[str, str] = {}
+        self._node.create_subscription(
+            DiagnosticArray, '/diagnostics', self._on_diagnostics, reliable(100))
+        self._restarts = self._node.create_publisher(DiagnosticArray, 'restarts', reliable(100))
 
     def close(self) -> None:
         """Leave ROS."""
@@ -107,10 +119,32 @@ class Manager:
             if waiting:
                 self.spin(0.02)
 
+    def is_active(self, node: GraphNode, process: int) -> bool:
+        """Return whether a process of a node has said that it is active."""
+        return self._active.get(node.path) == str(process)
+
+    def announce(self, node: GraphNode, death: str, started_s_ago: float) -> None:
+        """Tell all that a node was started again, so that nobody waits for what it had."""
+        self.restarted[node.label] += 1
+        self._restarts.publish(DiagnosticArray(status=[DiagnosticStatus(
+            level=DiagnosticStatus.WARN, name=node.path, message=death,
+            values=[KeyValue(key='started_s_ago', value=f'{started_s_ago:.3f}')])]))
+
     def _count(self, message: DiagnosticArray) -> None:
-        self.scored += 1
         for status in message.status:
             values = {item.key: item.value for item in status.values}
+            self.scored = max(self.scored, int(values['frame']))
             self._detections += int(values['detections'])
             self._tracks += int(values['tracks'])
         self._on_scored(self.scored, self._detections, self._tracks)
+
+    def _on_clock(self, message: Clock) -> None:
+        stamp = stamp_key(message.clock)
+        self.published += stamp != self.newest_ns
+        self.newest_ns = stamp
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            values = {item.key: item.value for item in status.values}
+            if values.get('state') == 'active':
+                self._active[status.name] = values.get('process', '')

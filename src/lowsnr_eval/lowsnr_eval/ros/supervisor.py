@@ -12,19 +12,23 @@ import time
 from typing import Any
 
 from lowsnr_eval.graph import Node
+from lowsnr_eval.middleware import PROFILE_FILE
 from lowsnr_eval.processes import NodeProcess
 from lowsnr_eval.processes import ProcessGroup
+from lowsnr_eval.results import note_losses
 from lowsnr_eval.ros.manager import ACTIVATE
 from lowsnr_eval.ros.manager import CONFIGURE
 from lowsnr_eval.ros.manager import DEACTIVATE
 from lowsnr_eval.ros.manager import GraphFailure
 from lowsnr_eval.ros.manager import Manager
+from lowsnr_eval.ros.respawner import Respawner
 from tqdm import tqdm
 
 _START_WITHIN_S = 600.0
 _ACTIVATE_WITHIN_S = 30.0
 _FLUSH_WITHIN_S = 1.0
 DONE, FAILED, INTERRUPTED = 0, 1, 130
+PARAMETERS_FILE = 'parameters.yaml'
 
 
 class Interrupted(Exception):
@@ -45,6 +49,8 @@ class Supervisor:
         Number of frames that the source publishes, None for no end.
     patience_s
         Wall time without a newly scored frame after which the rest is not waited for [s].
+    respawn
+        Whether nodes that die are started again.
     environment
         Environment of the nodes.
 
@@ -52,7 +58,7 @@ class Supervisor:
 
     def __init__(
         self, nodes: Sequence[Node], folder: Path, frames: int | None, patience_s: float,
-        environment: Mapping[str, str] = os.environ,
+        respawn: bool = False, environment: Mapping[str, str] = os.environ,
     ) -> None:
         self._nodes = nodes
         self._folder = folder
@@ -60,8 +66,10 @@ class Supervisor:
         self._patience_s = patience_s
         self._environment = environment
         self._signal = 0
-        self._source: NodeProcess | None = None
-        self._missed: set[Node] = set()  # not needed and gone
+        self._respawn = respawn
+        self._respawner: Respawner | None = None
+        self._losses: tuple[int, Mapping[str, int]] = 0, {}
+        self._missed: dict[Node, str] = {}  # the run goes on without them; how they died
 
     def run(self) -> tuple[int, str]:
         """Run the graph; return the exit status, and what went wrong or nothing."""
@@ -72,12 +80,13 @@ class Supervisor:
             with ProcessGroup(logs, self._environment) as self._group:
                 return self._run_processes()
         finally:
+            note_losses(self._folder, *self._losses)
             for number, handler in before.items():
                 signal.signal(number, handler)
 
     def _run_processes(self) -> tuple[int, str]:
         for node in self._nodes:
-            self._source = self._group.start(node, self._folder / 'parameters.yaml')
+            self._group.start(node, self._folder / PARAMETERS_FILE)
         with tqdm(
             desc='starting', total=self._frames, unit=' frames', disable=None,
         ) as self._bar:
@@ -85,12 +94,14 @@ class Supervisor:
             try:
                 self._follow()
                 self._end(_ACTIVATE_WITHIN_S)
-                return DONE, ''
+                lacking = [death for node, death in self._missed.items() if node.needed]
+                return (FAILED, lacking[0]) if lacking else (DONE, '')
             except (GraphFailure, Interrupted) as error:
                 self._end(_FLUSH_WITHIN_S)
                 failed = isinstance(error, GraphFailure)
                 return (FAILED, str(error)) if failed else (INTERRUPTED, 'interrupted')
             finally:
+                self._losses = self._manager.published, self._manager.restarted
                 self._manager.close()
 
     def _follow(self) -> None:
@@ -99,6 +110,9 @@ class Supervisor:
         self._manager.wait_for_evaluator()
         for node in self._nodes:
             self._manager.change(ACTIVATE, [node], _ACTIVATE_WITHIN_S)
+        if self._respawn:
+            self._respawner = Respawner(
+                self._group, self._manager, self._folder, _texts(self._folder))
         self._bar.unpause()  # the rate is that of the frames, not of the start
         self._bar.set_description('running')
         while not self._source_done():
@@ -119,6 +133,8 @@ class Supervisor:
         """
         self._check_enabled = False
         dead = {member.node for member in self._group.dead()}
+        if self._respawner:
+            dead |= self._respawner.away
         recorders = [node for node in self._nodes if node.name == 'recorder']
         others = [node for node in reversed(self._nodes) if node not in recorders]
         for node in others + recorders:
@@ -138,18 +154,30 @@ class Supervisor:
         if self._signal:
             raise Interrupted
         for member in self._group.dead():
-            if member is self._source and member.process.returncode == 0:
+            if self._is_source(member) and member.process.returncode == 0:
                 continue
-            report = (f'{member.node.label} {member.death()} at frame {self._manager.scored}; '
-                      f'the end of {member.log}:\n{member.last_lines()}')
-            if member.node.needed or not self._manager.scored:
-                raise GraphFailure(report)
-            if member.node not in self._missed:
-                self._missed.add(member.node)
-                tqdm.write(f'the run goes on without {report}', file=sys.stderr)
+            if member.node not in self._missed and not (
+                    self._respawner and self._respawner.took(member)):
+                self._lose(member)
+        if self._respawner:
+            self._respawner.look()
+
+    def _lose(self, member: NodeProcess) -> None:
+        """Go on without a node that has died for good, or raise where that cannot be."""
+        report = (f'{member.node.label} {member.death()} at frame {self._manager.scored}; '
+                  f'the end of {member.log}:\n{member.last_lines()}')
+        spare = not member.node.needed or (self._respawner and member.node.name == 'recorder')
+        if not (spare and self._manager.scored):
+            raise GraphFailure(report)
+        self._missed[member.node] = report
+        tqdm.write(f'the run goes on without {report}', file=sys.stderr)
+
+    def _is_source(self, member: NodeProcess) -> bool:
+        return member.node == self._nodes[-1]
 
     def _source_done(self) -> bool:
-        return self._source is not None and self._source.process.poll() == 0
+        return any(self._is_source(member) and member.process.returncode == 0
+                   for member in self._group.dead())
 
     def _on_signal(self, number: int, _: Any) -> None:
         self._signal = number
@@ -157,3 +185,9 @@ class Supervisor:
     def _on_scored(self, frame: int, detections: int, tracks: int) -> None:
         self._bar.update(frame - self._bar.n)
         self._bar.set_postfix(detections=detections, tracks=tracks, refresh=False)
+
+
+def _texts(folder: Path) -> dict[Path, str]:
+    """Return the files that nodes read when they start, the parameters first."""
+    paths = [folder / PARAMETERS_FILE, folder / PROFILE_FILE, folder / 'log' / '.keep']
+    return {path: path.read_text(encoding='utf-8') if path.exists() else '' for path in paths}

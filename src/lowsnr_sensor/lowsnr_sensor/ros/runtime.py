@@ -6,6 +6,8 @@ from collections import Counter
 from collections import defaultdict
 from collections import deque
 from collections.abc import Callable
+import os
+import signal
 from statistics import median
 import sys
 import time
@@ -20,6 +22,7 @@ from lowsnr_sensor.parent import follow_parent
 from lowsnr_sensor.ros.messages import stamp_key
 from lowsnr_sensor.ros.params import declare
 import rclpy
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.executors import ExternalShutdownException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode
@@ -32,7 +35,7 @@ _FRAME_BYTES = 256 * 2**20
 _PEERS_WITHIN_S = 20.0
 _THROTTLE_S = 5.0
 _TIMED = 1000
-USAGE_ERROR = 2
+FAILED, USAGE_ERROR, TERMINATED = 1, 2, 128 + signal.SIGTERM
 
 
 class ManagedNode(LifecycleNode):
@@ -48,7 +51,7 @@ class ManagedNode(LifecycleNode):
         super().__init__(name, **kwargs)
         self.settings = declare(self, NodeSettings)
         self.counts: Counter[str] = Counter()
-        self.active = False
+        self.active = self.done = False
         self.outputs: dict[Any, int] = {}
         self._inputs: list[Any] = []
         self._trouble = ''
@@ -67,6 +70,7 @@ class ManagedNode(LifecycleNode):
                 return TransitionCallbackReturn.FAILURE
             time.sleep(0.005)
         self.active = True
+        self.report()
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -122,6 +126,7 @@ class ManagedNode(LifecycleNode):
         if not self.context.ok():
             return
         values = {key: str(count) for key, count in sorted(self.counts.items())}
+        values |= {'state': 'active' if self.active else 'inactive', 'process': str(os.getpid())}
         for topic, spent in self._spent_ms.items():
             values[f'{topic} median [ms]'] = f'{median(spent):.3f}'
             values[f'{topic} longest [ms]'] = f'{max(spent):.3f}'
@@ -134,11 +139,17 @@ class ManagedNode(LifecycleNode):
         self._diagnostics.publish(message)
         self._trouble = ''
 
-    def autostart(self) -> None:
-        """Configure and activate without a manager, where so set."""
-        if self.settings.autostart:
-            self.trigger_configure()
-            self.trigger_activate()
+    def finish(self) -> None:
+        """End the process: all is done."""
+        self.report()
+        self.done = True
+        self.context.try_shutdown()
+
+    def autostart(self) -> bool:
+        """Configure and activate without a manager, where so set; False if that fails."""
+        done = TransitionCallbackReturn.SUCCESS
+        return not self.settings.autostart or (
+            self.trigger_configure() == done and self.trigger_activate() == done)
 
 
 def reliable(depth: int) -> QoSProfile:
@@ -158,9 +169,10 @@ def any_reliability(depth: int) -> QoSProfile:
 
 def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> None:
     """
-    Start ROS, spin one node, end quietly on Ctrl-C or shutdown.
+    Start ROS, spin one node, end quietly on Ctrl-C, SIGTERM or when the node is done.
 
-    A setting out of its bounds ends the process with status 2 and one line.
+    A setting out of its bounds ends the process with status 2 and one line, SIGTERM with
+    status 143, a node that cannot become active with 1.
     """
     follow_parent()
     rclpy.init(args=args)
@@ -169,16 +181,24 @@ def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> 
         node = make_node()
         executor = SingleThreadedExecutor()
         executor.add_node(node)
-        node.autostart()
+        if not node.autostart():
+            sys.exit(FAILED)
         executor.spin()
     except ValueError as error:
         if node is not None:
             raise
         print(error, file=sys.stderr)
         sys.exit(USAGE_ERROR)
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except KeyboardInterrupt:
+        return
+    except ExternalShutdownException:
         pass
+    except RCLError:
+        if rclpy.ok():  # else what was being published when SIGTERM came
+            raise
     finally:
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
+    if node is None or not node.done:
+        sys.exit(TERMINATED)

@@ -1,0 +1,131 @@
+"""Nodes that die are started again: every frame is scored, unanswered or unseen, none is lost."""
+
+import csv
+import json
+import os
+import signal
+import time
+
+import pytest
+
+NODES = ('sensor_node', 'detector_node', 'tracker_node', 'evaluator_node')
+LABELS = {'detector_node': 'cdt_detector'}
+FRAMES = 300
+LOCKSTEP = ('--detector', 'cdt', '--scenario', 'example3', '--snr', '12', '--loop', '--lockstep')
+
+
+def restarts(run):
+    """Return the rows of ``restarts.csv``."""
+    with (run.results / 'restarts.csv').open(newline='') as file:
+        return list(csv.DictReader(file))
+
+
+def end_a_node(run, module, number):
+    """End a node and wait until it is back and scores come again."""
+    before = len(restarts(run)) if (run.results / 'restarts.csv').exists() else 0
+    os.kill(run.nodes()[module], number)
+    until = time.monotonic() + 60.0
+    while not (run.results / 'restarts.csv').exists() or len(restarts(run)) == before:
+        assert run.process.poll() is None, run.finish()
+        assert time.monotonic() < until, f'{module} is not back'
+        time.sleep(0.02)
+    run.wait_for_rows(len(run.rows()) + 20)
+
+
+def check_account(run, lost_at_most):
+    """Check that every frame is accounted for, and how many were not scored."""
+    frames = run.summary()['frames']
+    assert frames['published'] == frames['scored'] + frames['unanswered'] + frames['unseen']
+    assert frames['unanswered'] + frames['unseen'] <= lost_at_most
+    assert len(run.rows()) == 2 * (frames['published'] - frames['unseen'])
+    numbers = [int(row.split(',')[0]) for row in run.rows()[::2]]
+    assert numbers == list(range(1, len(numbers) + 1))
+    stamps = [float(row.split(',')[1]) for row in run.rows()[::2]]
+    assert stamps == sorted(set(stamps))
+    for log in (run.results / 'log').iterdir():
+        assert 'Traceback' not in log.read_text(), log
+
+
+@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGTERM], ids=['SIGKILL', 'SIGTERM'])
+def test_every_node_comes_back(bringup, number):
+    run = bringup(*LOCKSTEP)
+    run.wait_for_rows(40)
+    for module in NODES:
+        end_a_node(run, module, number)
+    run.process.send_signal(signal.SIGINT)
+    code, out, err = run.finish()
+    assert code == 130
+    how = 'killed by SIGKILL' if number == signal.SIGKILL else 'ended by SIGTERM'
+    for module in NODES:
+        label = LABELS.get(module, module.removesuffix('_node'))
+        assert f'{label} was {how} at frame' in err
+        assert f'{label} is back after' in err
+        assert run.summary()['restarts'][label] == 1
+    assert 'started again: sensor 1 x, cdt_detector 1 x, tracker 1 x, evaluator 1 x' in out
+    # In lockstep a node has one frame in hand when it dies; the last may be under way at the end.
+    check_account(run, lost_at_most=len(NODES) + 1)
+    run.wait_until_none_is_left()
+
+
+def test_ids_of_tracks_are_not_used_again(bringup):
+    run = bringup(*LOCKSTEP)
+    run.wait_for_rows(100)
+    end_a_node(run, 'tracker_node', signal.SIGKILL)
+    run.wait_for_rows(len(run.rows()) + 200)
+    run.process.send_signal(signal.SIGINT)
+    assert run.finish()[0] == 130
+    lines = [json.loads(line) for line in (run.results / 'scene.jsonl').read_text().splitlines()]
+    ids = [{mark[2] for mark in line['chains']['cdt']['tracks']} for line in lines]
+    killed = int(restarts(run)[0]['frame'])
+    before, after = set().union(*ids[:killed]), set().union(*ids[killed + 1:])
+    assert before
+    assert after
+    assert not before & after
+
+
+def test_a_node_that_always_dies_ends_the_run(bringup):
+    run = bringup('--detector', 'cdt', '--loop', '--rate', '50')
+    run.wait_for_rows(20)
+    until = time.monotonic() + 60.0
+    while run.process.poll() is None:
+        assert time.monotonic() < until
+        if (pid := run.nodes().get('tracker_node')) is not None:
+            os.kill(pid, signal.SIGKILL)
+        time.sleep(0.02)
+    code, _, err = run.finish()
+    assert code == 1
+    assert err.count('tracker was killed by SIGKILL') == 6
+    assert 'it is started again (restart 5)' in err
+    assert run.summary()['frames']['scored'] > 0
+    run.wait_until_none_is_left()
+
+
+def test_paced_run_counts_what_was_lost(bringup):
+    run = bringup('--detector', 'cdt', '--loop', '--rate', '40')
+    run.wait_for_rows(40)
+    for module in ('evaluator_node', 'detector_node'):
+        end_a_node(run, module, signal.SIGKILL)
+    run.process.send_signal(signal.SIGINT)
+    code, out, _ = run.finish()
+    assert code == 130
+    frames = run.summary()['frames']
+    assert frames['unseen'] > 0
+    assert frames['unanswered'] > 0
+    assert f'{frames["unseen"]} unseen' in out
+    check_account(run, lost_at_most=frames['published'])
+
+
+def test_a_replay_goes_on_where_its_player_died(bringup, tmp_path):
+    bag = tmp_path / 'bag'
+    made = bringup('--detector', 'cdt', '--frames', str(FRAMES), '--loop', '--lockstep',
+                   '--record', str(bag), results='made')
+    made.wait_for_rows(2 * FRAMES)
+    made.process.send_signal(signal.SIGINT)
+    assert made.finish()[0] == 130
+    run = bringup('--detector', 'cdt', '--replay', str(bag), '--rate', '60', '--respawn')
+    run.wait_for_rows(60)
+    end_a_node(run, 'player_node', signal.SIGKILL)
+    code, _, err = run.finish()
+    assert code == 0, err
+    check_account(run, lost_at_most=2)
+    assert run.summary()['frames']['published'] == made.summary()['frames']['published']
