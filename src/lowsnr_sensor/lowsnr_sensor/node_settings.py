@@ -25,6 +25,9 @@ class NodeSettings:
     queue_depth: int = setting(
         1000, 'messages kept for a slow reader; frames at most 256 MiB', ge=1, le=100_000)
     seed: int = setting(0, 'root seed of the random streams', ge=0)
+    silence_s: float = setting(
+        10.0, 'wall time without a message after which /diagnostics calls an input silent [s]',
+        gt=0.0)
 
     def __post_init__(self) -> None:
         check_settings(self)
