@@ -2,6 +2,7 @@
 
 import array
 
+from lowsnr_sensor.malformed import Malformed
 from lowsnr_sensor.ros.images import image_to_array
 import numpy as np
 import pytest
@@ -49,3 +50,24 @@ def test_value_that_is_not_finite_is_refused(grid_shape):
     frame[3, 1] = np.nan
     with pytest.raises(ValueError, match='row 3, column 1 is not a finite number'):
         image_to_array(image(frame, '32FC1', '<'))
+
+
+@pytest.mark.parametrize(('value', 'fits'), [
+    (1e9, True), (-1e9, True), (1.1e9, False), (-1.1e9, False), (3.4e38, False)])
+@pytest.mark.parametrize('order', ['<', '>'])
+def test_value_that_overflows_when_squared_is_refused(grid_shape, value, fits, order):
+    frame = np.zeros(grid_shape)
+    frame[3, 1] = value
+    message = image(frame, '32FC1', order)
+    if fits:
+        assert image_to_array(message)[3, 1] == value
+        return
+    with pytest.raises(Malformed, match='row 3, column 1 is beyond 1e9') as caught:
+        image_to_array(message)
+    assert caught.value.reason == 'cell beyond 1e9'
+
+
+def test_header_of_a_huge_frame_without_data_costs_nothing():
+    message = Image(height=16384, width=16384, encoding='32FC1', step=65536)
+    with pytest.raises(Malformed, match='data holds 0 bytes, must be 1073741824'):
+        image_to_array(message)

@@ -2,11 +2,15 @@
 
 import array
 
+from builtin_interfaces.msg import Time
+from lowsnr_sensor.malformed import Malformed
 from lowsnr_sensor.records import Estimate
 from lowsnr_sensor.ros import messages
 import numpy as np
 import pytest
 from std_msgs.msg import Header
+from vision_msgs.msg import Detection2D
+from vision_msgs.msg import Detection2DArray
 
 CELL = 2.0
 
@@ -94,3 +98,64 @@ def test_detection_without_result_has_no_score():
     back = messages.array_to_estimates(message, CELL)[0]
     assert back.score == 0.0
     assert np.isnan(back.cov).all()
+
+
+def entries(*places, ids=None):
+    """Return an array of entries at places (x, y) [m]."""
+    ids = ids or [''] * len(places)
+    return messages.estimates_to_array(
+        [Estimate(np.array([x, 0.0, y, 0.0]), np.eye(4), 1.0, name)
+         for (x, y), name in zip(places, ids)], Header(), CELL)
+
+
+def test_sound_array_is_read_as_any_other():
+    message = entries((1, 2), (-1e8, 1e8), (3, 4), ids=['a', '', ''])
+    read, sound = (function(message, CELL) for function in (
+        messages.array_to_estimates, messages.array_to_sound_estimates))
+    assert [item.id for item in sound] == ['a', '', '']
+    assert str(sound) == str(read)
+
+
+@pytest.mark.parametrize(('message', 'reason', 'said'), [
+    (entries((1, 2), (np.nan, 2)), 'no place', r'is at \(nan, 2\) m'),
+    (entries((1, np.inf)), 'no place', r'is at \(1, inf\) m'),
+    (entries((1e300, 2)), 'no place', r"entry '' is at \(1e\+300, 2\) m"),
+    (entries((1, 2), (3, 4), ids=['a', 'a']), 'id of two entries', "the id 'a'"),
+    (entries((1, 2), ids=['x' * 10**6]), 'id too long', 'has 1000000 letters, at most 255'),
+])
+def test_array_that_cannot_be_believed_is_refused(message, reason, said):
+    with pytest.raises(Malformed, match=said) as caught:
+        messages.array_to_sound_estimates(message, CELL)
+    assert caught.value.reason == reason
+    assert len(str(caught.value)) < 100
+
+
+def test_more_than_ten_thousand_entries_are_refused():
+    message = Detection2DArray(detections=[Detection2D()] * 10_001)
+    with pytest.raises(Malformed, match='10001 entries, at most 10000'):
+        messages.array_to_estimates(message, CELL)
+    message.detections = message.detections[1:]
+    assert len(messages.array_to_estimates(message, CELL)) == 10_000
+
+
+@pytest.mark.parametrize(('state', 'reason'), [
+    ((np.nan, 0, 0, 0), 'no place'), ((0, 0, -np.inf, 0), 'no place'),
+    ((0, np.inf, 0, 0), 'no velocity'), ((0, 0, 0, -1e300), 'no velocity')])
+def test_odometry_that_cannot_be_believed_is_refused(state, reason):
+    message = messages.estimate_to_odometry(
+        Estimate(np.array(state, dtype=float), np.eye(4), 1.0, 'a'), Header())
+    with pytest.raises(Malformed) as caught:
+        messages.odometry_to_estimate(message, 1.0)
+    assert caught.value.reason == reason
+
+
+def test_velocity_may_be_unknown():
+    message = messages.estimate_to_odometry(
+        Estimate(np.array([1, np.nan, 2, np.nan]), np.eye(4), 1.0, 'a'), Header())
+    assert np.isnan(messages.odometry_to_estimate(message, 1.0).state[[1, 3]]).all()
+
+
+@pytest.mark.parametrize(('sec', 'nanosec'), [
+    (0, 0), (-1, 5), (2**31 - 1, 2**32 - 1), (-2**31, 0), (3, 2_000_000_000)])
+def test_any_stamp_has_a_place_in_time(sec, nanosec):
+    assert messages.stamp_key(Time(sec=sec, nanosec=nanosec)) == sec * 10**9 + nanosec

@@ -44,6 +44,32 @@ def test_unusable_detections_are_counted(tracker, rng):
     assert len(everything(output)) == 1
 
 
+def test_after_a_restart_earlier_frames_are_tracked_under_new_numbers(tracker, rng):
+    state = tracker.init()
+    for k in range(101, 109):
+        state, before = tracker.step(state, [detection(5 + 0.1 * k % 9, 5)], float(k), rng)
+    state, clutter = tracker.restart(state), state.clutter
+    assert state.clutter == clutter
+    ids = {item.id for item in everything(before)}
+    for k in range(1, 9):
+        state, after = tracker.step(state, [detection(5 + 0.1 * k, 5)], float(k), rng)
+        assert not ids & {item.id for item in everything(after)}
+    assert before.confirmed
+    assert after.confirmed
+
+
+@pytest.mark.parametrize('huge', [1e9, 1e30, 1e300])
+def test_huge_numbers_do_no_harm_even_where_the_frame_has_no_bounds(rng, huge):
+    tracker, state = PdaMmpf(), PdaMmpf().init()
+    for k in range(1, 12):
+        shown = [detection(5 + 0.1 * k, 5), detection(huge, huge), detection(3, 9, variance=huge)]
+        state, output = tracker.step(state, shown, float(k), rng)
+        for item in everything(output):
+            assert np.isfinite(item.state).all()
+            assert np.isfinite(item.cov).all()
+    assert output.confirmed
+
+
 @pytest.mark.parametrize('variance', [np.nan, 0.0, -1.0, np.inf, 1e-9])
 def test_covariance_is_never_less_than_rounding(variance):
     measured, refused = measurements.screen(

@@ -9,6 +9,7 @@ from lowsnr_detect.calibration import at_operating_point
 from lowsnr_detect.detector import refuse_late_answers
 from lowsnr_detect.registry import detector_class
 from lowsnr_detect.rehearsal import rehearse
+from lowsnr_sensor.malformed import Malformed
 from lowsnr_sensor.node_settings import DetectionSettings
 from lowsnr_sensor.ros import messages
 from lowsnr_sensor.ros.params import declare
@@ -57,10 +58,10 @@ class DetectorNode(ManagedNode):
 
     def _start(self, shape: tuple[int, int]) -> None:
         """Set the threshold for frames of this shape and the memory before the first."""
-        self._shape = shape
         self._tuned = at_operating_point(
             self.name, self.detector, self.operating, shape, log=self.get_logger().info)
         self._memory = self._tuned.init(shape)
+        self._shape = shape
 
     def _on_frame(self, image: Image) -> None:
         if not self.active or not self.is_new('image_raw', image.header.stamp):
@@ -69,8 +70,9 @@ class DetectorNode(ManagedNode):
         try:
             frame = messages.image_to_frame(image)
             self._check_shape(frame)
-        except ValueError as error:
-            self.refuse(f'image_raw: {error}; frame refused, answered empty')
+        except Malformed as error:
+            self.refuse(
+                f'image_raw: {error}; frame refused, answered empty', f'image_raw {error.reason}')
             self._publish([], image.header)
             return
         self._memory, declared = self._tuned.step(self._memory, frame, self._rng)
@@ -80,9 +82,9 @@ class DetectorNode(ManagedNode):
         if self._shape is None:
             self._start((frame.shape[0], frame.shape[1]))
         elif frame.shape != self._shape:
-            raise ValueError(
-                f'frame of {frame.shape[1]} x {frame.shape[0]} cells after frames of '
-                f'{self._shape[1]} x {self._shape[0]}')
+            raise Malformed(
+                'change of size', f'frame of {frame.shape[1]} x {frame.shape[0]} cells after '
+                f'frames of {self._shape[1]} x {self._shape[0]}')
 
     def _publish(self, estimates: list, header: Header) -> None:
         for item in estimates:

@@ -47,11 +47,13 @@ class EvaluatorNode(ManagedNode):
         self.outputs = {self._scored: self.settings.consumers}
         for topic in self._judge.topics:
             self.listen(
-                Odometry, f'{topic}/odometry', partial(self._on_state, topic), depth)
+                Odometry, f'{topic}/odometry', partial(self._on_state, topic), depth,
+                steady=False)
             self.listen(
                 Detection2DArray, topic, partial(self._on_array, topic), depth)
         self.listen(Image, 'image_raw', self._on_frame, any_reliability(WAITING))
-        self.create_subscription(DiagnosticArray, 'restarts', self._on_restart, depth)
+        self.listen(
+            DiagnosticArray, 'restarts', self._on_restart, depth, needed=False, steady=False)
         self.create_timer(_SUMMARY_EVERY_S, self._on_timer)
         return TransitionCallbackReturn.SUCCESS
 
@@ -63,7 +65,8 @@ class EvaluatorNode(ManagedNode):
         return super().on_deactivate(state)
 
     def _on_array(self, topic: str, message: Detection2DArray) -> None:
-        entries = messages.array_to_estimates(message, self.evaluation.sensor.cell_size_m)
+        entries = messages.array_to_sound_estimates(
+            message, self.evaluation.sensor.cell_size_m)
         stamp = messages.stamp_key(message.header.stamp)
         if self._judge.add_array(topic, stamp, entries, time.monotonic()):
             self._score()
@@ -79,12 +82,8 @@ class EvaluatorNode(ManagedNode):
     def _on_frame(self, image: Image) -> None:
         """Keep a frame for the report; only what is shown there depends on it."""
         if self.active and self._judge.shows_all:
-            try:
-                frame = messages.image_to_frame(image)
-            except ValueError as error:
-                self.refuse(f'image_raw: {error}; not shown in the report')
-            else:
-                self._judge.see(messages.stamp_key(image.header.stamp), frame)
+            frame = messages.image_to_frame(image)
+            self._judge.see(messages.stamp_key(image.header.stamp), frame)
 
     def _on_timer(self) -> None:
         self._score(time.monotonic() - self.run.answer_within_s)

@@ -12,6 +12,7 @@ from lowsnr_eval.bags.reader import Bag
 from lowsnr_eval.bags.replaying import played_frames
 from lowsnr_eval.bags.replaying import PlayedFrame
 from lowsnr_eval.bags.settings import PlayerSettings
+from lowsnr_sensor.malformed import Malformed
 from lowsnr_sensor.ros import messages
 from lowsnr_sensor.ros.lockstep import Lockstep
 from lowsnr_sensor.ros.params import declare
@@ -127,9 +128,12 @@ class PlayerNode(ManagedNode):
     def _odometry_of(self, data: bytes) -> list[Odometry]:
         """Return odometry, without velocity, for a truth that came without."""
         array = deserialize_message(data, Detection2DArray)
-        return [messages.estimate_to_odometry(item, array.header)
-                for item in messages.array_to_estimates(array, self.playing.cell_size_m)
-                if item.id]
+        try:
+            entries = messages.array_to_estimates(array, self.playing.cell_size_m)
+        except Malformed as error:
+            self.refuse(f'{self.playing.truth_topic}: {error}')
+            return []
+        return [messages.estimate_to_odometry(item, array.header) for item in entries if item.id]
 
     def _finish(self) -> None:
         """End the process once every reader has acknowledged every message."""

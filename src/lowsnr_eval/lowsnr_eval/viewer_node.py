@@ -58,11 +58,11 @@ class ViewerNode(ManagedNode):
         self.outputs = {self._overlay: 0, self._markers: 0}
         depth = reliable(self.settings.queue_depth)
         # Of several messages that wait, those of the topics named first are taken first.
-        self.create_subscription(  # not listen: recorded frames may be without truth
-            Detection2DArray, TRUTH, partial(self._on_array, TRUTH), depth)
+        self.listen(  # recorded frames may be without truth
+            Detection2DArray, TRUTH, partial(self._on_array, TRUTH), depth, needed=False)
         self.listen(Detection2DArray, DETECTIONS, partial(self._on_array, DETECTIONS), depth)
         self.listen(Image, FRAMES, self._on_frame, any_reliability(_DEPTH))
-        self.listen(Odometry, f'{TRACKS}/odometry', self._on_track, depth)
+        self.listen(Odometry, f'{TRACKS}/odometry', self._on_track, depth, steady=False)
         self.listen(Detection2DArray, TRACKS, partial(self._on_array, TRACKS), depth)
         self.create_timer(_PATIENCE_S, self._on_timer)
         return TransitionCallbackReturn.SUCCESS
@@ -71,11 +71,7 @@ class ViewerNode(ManagedNode):
         if not self.active or not self.is_new(FRAMES, image.header.stamp):
             return
         self.counts['in'] += 1
-        try:
-            greys = stretch(messages.image_to_frame(image))
-        except ValueError as error:
-            self.refuse(f'{FRAMES}: {error}; not shown')
-            return
+        greys = stretch(messages.image_to_frame(image))
         stamp = messages.stamp_key(image.header.stamp)
         if self._assembly.add_array(FRAMES, stamp, [], time.monotonic()):
             self._greys[stamp] = image.header, greys
@@ -84,7 +80,7 @@ class ViewerNode(ManagedNode):
             self._show()
 
     def _on_array(self, topic: str, message: Detection2DArray) -> None:
-        entries = messages.array_to_estimates(message, self.view.sensor.cell_size_m)
+        entries = messages.array_to_sound_estimates(message, self.view.sensor.cell_size_m)
         if topic != TRACKS:  # drawn where they are, without a velocity
             entries = [Estimate(item.state, item.cov, item.score) for item in entries]
         stamp = messages.stamp_key(message.header.stamp)

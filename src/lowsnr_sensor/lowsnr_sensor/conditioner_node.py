@@ -6,6 +6,7 @@ from typing import Any
 
 from lowsnr_sensor.conditioning import ConditionerState
 from lowsnr_sensor.conditioning import ConditioningSettings
+from lowsnr_sensor.malformed import Malformed
 from lowsnr_sensor.motion import POS
 from lowsnr_sensor.motion import VEL
 from lowsnr_sensor.node_settings import TruthSettings
@@ -55,7 +56,8 @@ class ConditionerNode(ManagedNode):
                 Odometry, 'conditioned/ground_truth/odometry', reliable(depth))
             self.outputs |= dict.fromkeys(
                 (self._array, self._odometry), bool(self.settings.consumers))
-            self.listen(Odometry, 'ground_truth/odometry', self._on_state, reliable(depth))
+            self.listen(
+                Odometry, 'ground_truth/odometry', self._on_state, reliable(depth), steady=False)
             self.listen(Detection2DArray, 'ground_truth', self._on_truth, reliable(depth))
         self.listen(Image, 'image_raw', self._on_frame, any_reliability(frames))
         return TransitionCallbackReturn.SUCCESS
@@ -68,18 +70,19 @@ class ConditionerNode(ManagedNode):
             frame = image_to_array(image)
             memory = self._memory or self.conditioning.init(frame.shape)
             self._memory, cells = self.conditioning.step(memory, frame)
-        except ValueError as error:
+        except Malformed as error:
+            reason = f'image_raw {error.reason}'
             if self._memory is None:
-                self.refuse(f'image_raw: {error}; frame refused, not answered')
+                self.refuse(f'image_raw: {error}; frame refused, not answered', reason)
                 return
-            self.refuse(f'image_raw: {error}; frame refused, answered with zeros')
+            self.refuse(f'image_raw: {error}; frame refused, answered with zeros', reason)
             cells = np.zeros(self.conditioning.size(self._memory.history.shape[-2:]))
         self._image.publish(messages.frame_to_image(cells, image.header))
         self.counts['out'] += 1
 
     def _on_truth(self, message: Detection2DArray) -> None:
         cell = self.truth.sensor.cell_size_m
-        entries = messages.array_to_estimates(message, cell)
+        entries = messages.array_to_sound_estimates(message, cell)
         self._array.publish(messages.estimates_to_array(
             [self._in_cells(item) for item in entries], message.header, cell))
 

@@ -22,6 +22,7 @@ from lowsnr_sensor.background import past_median
 from lowsnr_sensor.background import steepness
 from lowsnr_sensor.config import check_settings
 from lowsnr_sensor.config import setting
+from lowsnr_sensor.malformed import Malformed
 import numpy as np
 
 # A frame without any noise is divided by this, not by zero.
@@ -117,7 +118,8 @@ class ConditioningSettings:
 
         """
         if 0 in self.size(shape):
-            raise ValueError(f'frame of {shape[-1]} x {shape[-2]} pixels is too small')
+            raise Malformed(
+                'too small', f'frame of {shape[-1]} x {shape[-2]} pixels is too small')
         return ConditionerState(np.empty((0, *shape), dtype=np.float32))
 
     def step(
@@ -150,7 +152,8 @@ class ConditioningSettings:
         past = state.history
         if frame.shape != past.shape[1:]:
             (rows, cols), (height, width) = frame.shape[-2:], past.shape[-2:]
-            raise ValueError(
+            raise Malformed(
+                'change of size',
                 f'frame of {cols} x {rows} pixels after frames of {width} x {height}')
         newest = np.asarray(frame, dtype=np.float32)[None]
         history = np.concatenate([past[max(0, len(past) + 1 - self.background_frames):], newest])

@@ -13,6 +13,8 @@ NOT_FINITE = 'position or score is not finite'
 NO_SCORE = 'score is not in [0, 1]'
 OUTSIDE = 'outside the frame'
 DUPLICATE = 'same position as another'
+# No place or standard deviation is larger; squared twice it still is a number.
+FARTHEST_M = 1e9
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,7 @@ def screen(
     detections
         Declarations of one frame; the velocity is not looked at.
     extent : (2,) ndarray
-        Columns and rows of the frame in metres; inf where not known.
+        Columns and rows of the frame in metres; FARTHEST_M where not known.
     cell_size_m
         Side of a cell; a bare position is that of a cell's centre [m].
 
@@ -112,6 +114,7 @@ def _position_cov(cov: np.ndarray, cell_size_m: float) -> np.ndarray:
     xx, xy, yy = cov[:, 0, 0], cov[:, 0, 1], cov[:, 1, 1]
     with np.errstate(invalid='ignore', over='ignore'):
         stated = np.isfinite(cov).all(axis=(1, 2)) & (xx > 0) & (yy > 0) & (xx * yy > xy**2)
+        stated &= (xx <= FARTHEST_M**2) & (yy <= FARTHEST_M**2)
     xx, yy = (np.maximum(np.where(stated, axis, 0.0), rounding) for axis in (xx, yy))
     xy = np.where(stated, xy, 0.0)
     return np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2)

@@ -29,6 +29,7 @@ from lowsnr_track.management import newborn
 from lowsnr_track.management import no_tracks
 from lowsnr_track.management import TrackLife
 from lowsnr_track.management import Tracks
+from lowsnr_track.measurements import FARTHEST_M
 from lowsnr_track.measurements import Measurements
 from lowsnr_track.measurements import screen
 import numpy as np
@@ -97,6 +98,15 @@ class PdaMmpf:
     def init(self) -> TrackerState:
         """Return the memory before the first frame."""
         return TrackerState(None, 0, 1, self.detection.clutter_density, no_tracks(self.particles))
+
+    def restart(self, state: TrackerState) -> TrackerState:
+        """
+        Return the memory for a stream whose clock was set back.
+
+        By how much is not known, so no track can be moved to the new time: all are dropped.
+        Their numbers are not given again, and what was learnt of the clutter stays.
+        """
+        return replace(state, stamp_s=None, tracks=no_tracks(self.particles))
 
     def step(
         self, state: TrackerState, detections: Sequence[Estimate], stamp_s: float,
@@ -222,9 +232,9 @@ class PdaMmpf:
 
     @property
     def _extent_m(self) -> np.ndarray:
-        """Columns and rows in metres, (2,); inf where not known."""
+        """Columns and rows in metres, (2,); more than any frame has where not known."""
         size = np.array([self.cols, self.rows]) * self.sensor.cell_size_m
-        return np.where(size > 0.0, size, np.inf)
+        return np.where(size > 0.0, size, FARTHEST_M)
 
 
 def _elapsed(last_s: float | None, stamp_s: float) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+from lowsnr_sensor.malformed import Malformed
 from lowsnr_sensor.records import Estimate
 from lowsnr_sensor.ros import messages
 from lowsnr_sensor.ros.params import declare
@@ -50,14 +51,24 @@ class TrackerNode(ManagedNode):
         if not self.active or not self.is_new('detections', message.header.stamp):
             return
         self.counts['in'] += 1
-        cell = self.tracker.sensor.cell_size_m
         stamp_s = messages.stamp_key(message.header.stamp) / 1e9
+        if self._memory.stamp_s is not None and stamp_s < self._memory.stamp_s:
+            self._memory = self.tracker.restart(self._memory)
         self._memory, answer = self.tracker.step(
-            self._memory, messages.array_to_estimates(message, cell), stamp_s, self._rng)
+            self._memory, self._entries(message), stamp_s, self._rng)
         for why, number in answer.refused.items():
             self.counts[f'detections {why}'] += number
             self.refuse(f'detections: {number} refused, {why}')
         self._publish(answer.confirmed, answer.tentative, message.header)
+
+    def _entries(self, message: Detection2DArray) -> list[Estimate]:
+        """Return the detections, none where they are too many to be true."""
+        try:
+            return messages.array_to_estimates(message, self.tracker.sensor.cell_size_m)
+        except Malformed as error:
+            self.refuse(
+                f'detections: {error}; answered as if empty', f'detections {error.reason}')
+            return []
 
     def _publish(
         self, confirmed: list[Estimate], tentative: list[Estimate], header: Header,

@@ -9,6 +9,7 @@ from lowsnr_eval.bags.reader import Bag
 from lowsnr_eval.bags.reader import Message
 from lowsnr_eval.bags.recorded_chains import RecordedChains
 from lowsnr_eval.judge import Judge
+from lowsnr_sensor.malformed import Malformed
 from lowsnr_sensor.ros import messages
 
 
@@ -44,10 +45,13 @@ def feed(bag: Bag, chains: RecordedChains, judge: Judge) -> None:
             with suppress(ValueError):
                 judge.see(stamp, messages.image_to_frame(read))
         elif message.topic in states:
-            state = messages.odometry_to_estimate(read, 0.0)
-            judge.add_state(states[message.topic], stamp, state)
+            # What cannot be believed is missing in the answer, as it is in a run.
+            with suppress(Malformed):
+                judge.add_state(
+                    states[message.topic], stamp, messages.odometry_to_estimate(read, 0.0))
         else:
-            _add_array(bag, judge, chains.names[message.topic], message, read, cell_size_m)
+            with suppress(Malformed):
+                _add_array(bag, judge, chains.names[message.topic], message, read, cell_size_m)
         judge.score()
     judge.score(float('inf'))
 
@@ -57,7 +61,7 @@ def _add_array(
 ) -> None:
     """Hand an array on, and its entries as states where no odometry was recorded."""
     stamp = messages.stamp_key(read.header.stamp)
-    entries = messages.array_to_estimates(read, cell_size_m)
+    entries = messages.array_to_sound_estimates(read, cell_size_m)
     judge.add_array(topic, stamp, entries, message.logged_ns / 1e9)
     if f'{message.topic}/odometry' not in bag.topics:
         for item in entries:

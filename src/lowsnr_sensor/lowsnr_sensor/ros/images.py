@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from lowsnr_sensor.malformed import Malformed
 import numpy as np
 from sensor_msgs.msg import Image
 
+# Numbers beyond it are no intensities; squared and summed up they still are finite.
+LARGEST = 1e9
 _KINDS = {'mono8': 'u1', '8UC1': 'u1', 'mono16': 'u2', '16UC1': 'u2', '32FC1': 'f4'}
 
 
@@ -19,22 +22,27 @@ def image_to_array(image: Image) -> np.ndarray:
 
     Raises
     ------
-    ValueError
-        If encoding, step or size do not fit, or a value is not finite; says which.
+    Malformed
+        If encoding, step or size do not fit, or a value is not finite or beyond 1e9; says which.
 
     """
     if image.encoding not in _KINDS:
-        raise ValueError(f'encoding is {image.encoding!r}, must be one of {", ".join(_KINDS)}')
+        raise Malformed('wrong encoding', f'encoding is {image.encoding[:40]!r}, must be one of '
+                        + ', '.join(_KINDS))
     rows, cols, step = image.height, image.width, image.step
     kind = np.dtype(_KINDS[image.encoding]).newbyteorder('>' if image.is_bigendian else '<')
     if rows == 0 or cols == 0:
-        raise ValueError(f'frame of {cols} x {rows} cells is empty')
+        raise Malformed('empty frame', f'frame of {cols} x {rows} cells is empty')
     if step < kind.itemsize * cols:
-        raise ValueError(f'step is {step} bytes, must be at least {kind.itemsize * cols}')
+        raise Malformed(
+            'wrong step', f'step is {step} bytes, must be at least {kind.itemsize * cols}')
     if len(image.data) != rows * step:
-        raise ValueError(f'data holds {len(image.data)} bytes, must be {rows * step}')
+        raise Malformed(
+            'wrong size', f'data holds {len(image.data)} bytes, must be {rows * step}')
     frame = np.ndarray((rows, cols), kind, image.data, strides=(step, kind.itemsize))
-    if kind.kind == 'f' and not np.isfinite(frame).all():
-        row, col = np.argwhere(~np.isfinite(frame))[0]
-        raise ValueError(f'cell at row {row}, column {col} is not a finite number')
+    # Of a frame with NaN both are NaN, and compare as false.
+    if kind.kind == 'f' and not (frame.min() >= -LARGEST and frame.max() <= LARGEST):
+        row, col = np.argwhere(~(np.abs(frame) <= LARGEST))[0]
+        said = 'beyond 1e9' if np.isfinite(frame[row, col]) else 'not a finite number'
+        raise Malformed(f'cell {said}', f'cell at row {row}, column {col} is {said}')
     return frame

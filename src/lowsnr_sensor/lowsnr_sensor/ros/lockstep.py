@@ -41,7 +41,8 @@ class Lockstep:
         self._since_s = 0.0
         depth = reliable(node.settings.queue_depth)
         node.listen(DiagnosticArray, 'scored', self._on_scored, depth)
-        node.create_subscription(DiagnosticArray, 'restarts', self._on_restart, depth)
+        node.listen(
+            DiagnosticArray, 'restarts', self._on_restart, depth, needed=False, steady=False)
         node.create_timer(_LOOK_EVERY_S, self._look)
 
     def sent(self, stamp_ns: int) -> None:

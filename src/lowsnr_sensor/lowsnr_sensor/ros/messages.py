@@ -8,6 +8,7 @@ import sys
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseWithCovariance
+from lowsnr_sensor.malformed import Malformed
 from lowsnr_sensor.motion import POS
 from lowsnr_sensor.motion import VEL
 from lowsnr_sensor.records import Estimate
@@ -27,6 +28,8 @@ _XY = np.ix_([0, 1], [0, 1])
 # What an entry without a result is taken to say: nothing.
 _NO_RESULT = ObjectHypothesisWithPose()
 _NO_RESULT.pose.covariance = np.full(36, np.nan)
+# What an array or an odometry of ours never exceeds: entries, letters of an id, metres or m/s.
+_MOST_ENTRIES, _LONGEST_ID, _FARTHEST = 10_000, 255, 1e9
 
 
 def stamp_from_seconds(seconds: float) -> Time:
@@ -60,12 +63,13 @@ def image_to_frame(image: Image) -> np.ndarray:
 
     Raises
     ------
-    ValueError
-        If encoding, step or size do not fit, or a value is not finite; says which.
+    Malformed
+        If encoding, step or size do not fit, or a value is not finite or beyond 1e9; says which.
 
     """
     if image.encoding != ENCODING:
-        raise ValueError(f'encoding is {image.encoding!r}, must be {ENCODING!r}')
+        raise Malformed(
+            'wrong encoding', f'encoding is {image.encoding[:40]!r}, must be {ENCODING!r}')
     return image_to_array(image).astype(float)
 
 
@@ -95,8 +99,16 @@ def array_to_estimates(message: Detection2DArray, cell_size_m: float) -> list[Es
     Return an array's entries, positions in metres and without velocity.
 
     An entry without a result gets score 0 and an unknown covariance (NaN).
+
+    Raises
+    ------
+    Malformed
+        If there are more than 10,000 entries.
+
     """
     count = len(message.detections)
+    if count > _MOST_ENTRIES:
+        raise Malformed('too many entries', f'{count} entries, at most {_MOST_ENTRIES}')
     states, covs = np.full((count, 4), np.nan), np.full((count, 4, 4), np.nan)
     centres = [item.bbox.center.position for item in message.detections]
     states[:, POS] = np.reshape([(c.x, c.y) for c in centres], (count, 2)) * cell_size_m
@@ -107,6 +119,41 @@ def array_to_estimates(message: Detection2DArray, cell_size_m: float) -> list[Es
     return [
         Estimate(state, cov, result.hypothesis.score, item.id)
         for state, cov, result, item in zip(states, covs, best, message.detections)]
+
+
+def array_to_sound_estimates(message: Detection2DArray, cell_size_m: float) -> list[Estimate]:
+    """
+    Return an array's entries as :func:`array_to_estimates` does, where all can be believed.
+
+    Raises
+    ------
+    Malformed
+        If there are too many, a position is not finite or beyond 1e9 m, or an id is longer than
+        255 letters or that of two entries; says which.
+
+    """
+    entries = array_to_estimates(message, cell_size_m)
+    ids: set[str] = set()
+    for item in entries:
+        _check(item)
+        if item.id and item.id in ids:
+            raise Malformed('id of two entries', f'two entries have the id {item.id!r}')
+        ids.add(item.id)
+    return entries
+
+
+def _check(item: Estimate) -> None:
+    """Raise Malformed where an entry cannot be believed; NaN is a velocity not known."""
+    if len(item.id) > _LONGEST_ID:
+        raise Malformed(
+            'id too long', f'id {item.id[:20]!r}... has {len(item.id)} letters, '
+            f'at most {_LONGEST_ID}')
+    x, y = item.state[POS].tolist()
+    if not (abs(x) <= _FARTHEST and abs(y) <= _FARTHEST):
+        raise Malformed('no place', f'entry {item.id!r} is at ({x:g}, {y:g}) m')
+    v_x, v_y = item.state[VEL].tolist()
+    if abs(v_x) > _FARTHEST or abs(v_y) > _FARTHEST:
+        raise Malformed('no velocity', f'entry {item.id!r} moves with ({v_x:g}, {v_y:g}) m/s')
 
 
 def estimate_to_odometry(item: Estimate, header: Header) -> Odometry:
@@ -122,13 +169,24 @@ def estimate_to_odometry(item: Estimate, header: Header) -> Odometry:
 
 
 def odometry_to_estimate(message: Odometry, score: float) -> Estimate:
-    """Return an odometry as an estimate; position and velocity are taken as uncorrelated."""
+    """
+    Return an odometry as an estimate; position and velocity are taken as uncorrelated.
+
+    Raises
+    ------
+    Malformed
+        If a position is not finite, a position or velocity beyond 1e9, or the id longer than 255
+        letters; says which.  NaN is a velocity that is not known.
+
+    """
     state, cov = np.empty(4), np.zeros((4, 4))
     position, velocity = message.pose.pose.position, message.twist.twist.linear
     state[POS], state[VEL] = (position.x, position.y), (velocity.x, velocity.y)
     cov[np.ix_(POS, POS)] = np.reshape(message.pose.covariance, (6, 6))[_XY]
     cov[np.ix_(VEL, VEL)] = np.reshape(message.twist.covariance, (6, 6))[_XY]
-    return Estimate(state, cov, score, message.child_frame_id)
+    item = Estimate(state, cov, score, message.child_frame_id)
+    _check(item)
+    return item
 
 
 def _fill_pose(pose: PoseWithCovariance, x: float, y: float, cov: np.ndarray) -> None:

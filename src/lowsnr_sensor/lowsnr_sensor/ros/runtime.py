@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections import defaultdict
-from collections import deque
 from collections.abc import Callable
 import os
 import signal
-from statistics import median
 import sys
 import time
 from typing import Any
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
-from diagnostic_msgs.msg import DiagnosticStatus
-from diagnostic_msgs.msg import KeyValue
 from lowsnr_sensor.node_settings import NodeSettings
 from lowsnr_sensor.parent import follow_parent
+from lowsnr_sensor.ros.connections import output_faults
+from lowsnr_sensor.ros.diagnostics import Health
+from lowsnr_sensor.ros.inputs import Input
 from lowsnr_sensor.ros.messages import stamp_key
 from lowsnr_sensor.ros.params import declare
+from lowsnr_sensor.timeline import Timeline
+from lowsnr_sensor.timeline import Verdict
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError
+from rclpy.clock import Clock
+from rclpy.clock import ClockType
 from rclpy.executors import ExternalShutdownException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode
@@ -30,11 +32,11 @@ from rclpy.lifecycle import LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.qos import QoSProfile
 from rclpy.qos import ReliabilityPolicy
+from rclpy.timer import Timer
 
 _FRAME_BYTES = 256 * 2**20
 _PEERS_WITHIN_S = 20.0
 _THROTTLE_S = 5.0
-_TIMED = 1000
 FAILED, USAGE_ERROR, TERMINATED = 1, 2, 128 + signal.SIGTERM
 
 
@@ -50,44 +52,65 @@ class ManagedNode(LifecycleNode):
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
         self.settings = declare(self, NodeSettings)
-        self.counts: Counter[str] = Counter()
+        self.health = Health()
+        self.counts = self.health.counts
         self.active = self.done = False
         self.outputs: dict[Any, int] = {}
-        self._inputs: list[Any] = []
-        self._trouble = ''
-        self._newest: dict[str, int] = {}
-        # Time that the last messages of each input took.
-        self._spent_ms: dict[str, deque[float]] = defaultdict(lambda: deque(maxlen=_TIMED))
+        self._inputs: list[Input] = []
+        self._timelines: dict[str, Timeline] = defaultdict(Timeline)
+        self._faults: list[str] = []
+        self._quiet_until = 0.0
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._diagnostics_timer = self.create_timer(1.0, self.report)
+
+    def create_timer(
+        self, timer_period_sec: float, callback: Callable[[], None], **kwargs: Any,
+    ) -> Timer:
+        """Create a timer that goes on when the clock of the machine is set back."""
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        return super().create_timer(timer_period_sec, callback, clock=steady, **kwargs)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Wait for the peers, then become active."""
         until = time.monotonic() + _PEERS_WITHIN_S
         while missing := self._missing_peer():
             if time.monotonic() > until:
-                self.get_logger().error(missing)
+                self.get_logger().error('; '.join([missing, *self._connection_faults()]))
                 return TransitionCallbackReturn.FAILURE
             time.sleep(0.005)
         self.active = True
-        self.report()
+        for each in self._inputs:
+            each.begin()
+        self._report_soon()
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop answering, and say the last counts."""
         self.active = False
         self.report()
+        self._report_soon()
         return super().on_deactivate(state)
 
     def listen(
         self, kind: type, topic: str, callback: Callable[[Any], None], qos: QoSProfile,
+        needed: bool = True, steady: bool = True,
     ) -> None:
-        """Subscribe to a topic that must have a writer before the node becomes active."""
-        def timed(message: Any) -> None:
-            start = time.perf_counter()
-            callback(message)
-            self._spent_ms[topic].append(1e3 * (time.perf_counter() - start))
-        self._inputs.append(self.create_subscription(kind, topic, timed, qos))
+        """
+        Subscribe to a topic.
+
+        A message of which the callback raises ValueError is refused with its reason.
+
+        Parameters
+        ----------
+        kind, topic, callback, qos
+            As for any subscription.
+        needed
+            Whether it must have a writer before the node becomes active, and while it is.
+        steady
+            Whether every frame brings a message, so that silence is worth a word.
+
+        """
+        self._inputs.append(Input(self, kind, topic, callback, qos, needed, steady))
 
     def _missing_peer(self) -> str:
         """
@@ -100,44 +123,67 @@ class ManagedNode(LifecycleNode):
             needed = consumers + self.settings.observers
             if (found := publisher.get_subscription_count()) < needed:
                 return f'{publisher.topic_name}: {found} of {needed} readers (see consumers)'
-        for subscription in self._inputs if self.settings.consumers else ():
-            if not subscription.get_publisher_count():
-                return f'{subscription.topic_name}: nobody publishes it'
+        for each in self._inputs if self.settings.consumers else ():
+            if each.needed and not each.subscription.get_publisher_count():
+                return f'{each.subscription.topic_name}: nobody publishes it'
         return ''
 
-    def refuse(self, why: str) -> None:
-        """Count a message that is not used, and say why, at most every 5 s."""
+    def refuse(self, why: str, reason: str = '') -> None:
+        """Count a message that is not used, also by its reason, and say why."""
         self.counts['refused'] += 1
-        self._trouble = why
-        self.get_logger().warning(why, throttle_duration_sec=_THROTTLE_S)
+        if reason:
+            self.counts[reason] += 1
+        self.warn(why)
+
+    def warn(self, why: str) -> None:
+        """Say what is amiss, in the log at most every 5 s."""
+        self.health.trouble = why
+        # Not the logger's own throttle, which takes longer than a message may in a flood.
+        if (now := time.monotonic()) >= self._quiet_until:
+            self._quiet_until = now + _THROTTLE_S
+            self.get_logger().warning(why)
 
     def is_new(self, source: str, stamp: Time) -> bool:
-        """Whether a stamp is later than all before of this source; refuses it otherwise."""
-        key, newest = stamp_key(stamp), self._newest.get(source, -1)
-        if key > newest:
-            self._newest[source] = key
-            return True
-        self.counts['late'] += 1
-        self.refuse(f'{source}: stamp {key / 1e9:.9g} s is not after {newest / 1e9:.9g} s')
-        return False
+        """Whether a message is to be used by its stamp, see Timeline; refuses it otherwise."""
+        timeline, key = self._timelines[source], stamp_key(stamp)
+        newest, verdict = timeline.newest, timeline.judge(key)
+        if verdict is Verdict.LATE:
+            self.counts['late'] += 1
+            self.refuse(f'{source}: stamp {key / 1e9:.9g} s is not after {newest / 1e9:.9g} s')
+        elif verdict is Verdict.SET_BACK:
+            self.counts['set back'] += 1
+            self.health.trouble = (
+                f'{source}: its clock was set back from {newest / 1e9:.9g} s to '
+                f'{key / 1e9:.9g} s; going on from there')
+            self.get_logger().warning(self.health.trouble)
+        return verdict is not Verdict.LATE
 
     def report(self) -> None:
-        """Publish counts and times; WARN once for trouble since the last report."""
+        """Publish counts, times and what is wrong."""
         if not self.context.ok():
             return
-        values = {key: str(count) for key, count in sorted(self.counts.items())}
-        values |= {'state': 'active' if self.active else 'inactive', 'process': str(os.getpid())}
-        for topic, spent in self._spent_ms.items():
-            values[f'{topic} median [ms]'] = f'{median(spent):.3f}'
-            values[f'{topic} longest [ms]'] = f'{max(spent):.3f}'
-        level = DiagnosticStatus.WARN if self._trouble else DiagnosticStatus.OK
-        status = DiagnosticStatus(
-            level=level, name=self.get_fully_qualified_name(), message=self._trouble,
-            values=[KeyValue(key=key, value=value) for key, value in values.items()])
-        message = DiagnosticArray(status=[status])
+        faults = self._connection_faults()
+        if faults and faults != self._faults:
+            self.get_logger().error('; '.join(faults))
+        self._faults = faults
+        if self.active:
+            faults = faults + [said for each in self._inputs if (said := each.silence())]
+        message = DiagnosticArray(status=[self.health.status(
+            self.get_fully_qualified_name(), faults,
+            {'state': self._state_machine.current_state[1], 'process': str(os.getpid())})])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
-        self._trouble = ''
+
+    def _connection_faults(self) -> list[str]:
+        faults = [said for each in self._inputs for said in each.faults()]
+        return faults + [said for each in self.outputs for said in output_faults(self, each)]
+
+    def _report_soon(self) -> None:
+        """Report once the transition under way has been made."""
+        def report() -> None:
+            self.destroy_timer(timer)
+            self.report()
+        timer = self.create_timer(0.0, report)
 
     def finish(self) -> None:
         """End the process: all is done."""
