@@ -68,3 +68,48 @@ def test_old_frame_is_given_up(assembly):
 def test_second_array_of_a_frame_is_refused(assembly):
     assert assembly.add_array('truth', 1, [], 0.0)
     assert not assembly.add_array('truth', 1, [entry()], 0.0)
+
+
+def test_answers_that_cannot_come_are_not_waited_for(assembly):
+    assembly.add_array('truth', 1, [], 1.0)
+    assembly.add_array('truth', 2, [], 2.0)
+    assembly.expect_no_more(['tracks'], 1.5)
+    assert [frame.stamp for frame in assembly.take()] == [1]
+    assembly.add_array('tracks', 2, [], 3.0)
+    assert [frame.answer('tracks') for frame in assembly.take()] == [[]]
+
+
+def test_answers_to_frames_that_nobody_published_are_forgotten(assembly):
+    for stamp in range(100_000):
+        assembly.add_array('tracks', 10_000_000 + stamp, [], 0.0)
+    assert len(assembly._frames) <= 1001
+    assembly.add_array('tracks', 5, [], 0.5)
+    assembly.add_array('truth', 5, [], 0.6)
+    assert [frame.stamp for frame in assembly.take()] == [5]
+
+
+def test_a_clock_set_back_loses_the_first_frames_and_no_more(assembly):
+    assembly.add_array('truth', 10_000, [], 0.0)
+    assembly.add_array('tracks', 10_000, [], 0.0)
+    assert len(assembly.take()) == 1
+    assembly.add_array('truth', 10_001, [], 0.1)
+    taken = []
+    for stamp in range(1, 31):
+        assembly.add_array('truth', stamp, [], 1.0 + stamp)
+        assembly.add_array('tracks', stamp, [], 1.0 + stamp)
+        taken += assembly.take()
+    # The frame that was waiting is given up; the tenth in a row shows what has happened.
+    assert [frame.stamp for frame in taken] == [10_001, *range(10, 31)]
+    assert taken[0].answer('tracks') is None
+    assert all(frame.answer('tracks') == [] for frame in taken[1:])
+
+
+def test_one_stamp_far_ahead_does_not_silence_the_rest(assembly):
+    assembly.add_array('truth', 4_000_000_000, [], 0.0)
+    assert [frame.stamp for frame in assembly.take(older_than_s=1.0)] == [4_000_000_000]
+    scored = []
+    for stamp in range(1, 21):
+        assembly.add_array('truth', stamp, [], 2.0)
+        assembly.add_array('tracks', stamp, [], 2.0)
+        scored += [frame.stamp for frame in assembly.take()]
+    assert scored == list(range(10, 21))

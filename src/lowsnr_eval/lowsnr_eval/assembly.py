@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from collections.abc import Mapping
 from dataclasses import dataclass
 from dataclasses import field
 
 from lowsnr_sensor.records import Estimate
+from lowsnr_sensor.timeline import Timeline
+from lowsnr_sensor.timeline import Verdict
 
 # Answers to frames that are not known to exist, kept because they may come first.
 _MOST_UNKNOWN = 1000
@@ -65,10 +66,14 @@ class Assembly:
         self._key = key
         self._frames: dict[int, Frame] = {}
         self._done = done
+        self._timeline = Timeline(done)
         self._mute = dict.fromkeys(self._topics, -1)  # stamps up to which nothing will come
+        self._left: list[Frame] = []  # of before the clock was set back
 
     def add_array(self, topic: str, stamp: int, entries: list[Estimate], now_s: float) -> bool:
         """Take an array; False if its frame is done already or the array is a second one."""
+        if topic == self._key and self._timeline.judge(stamp) is Verdict.SET_BACK:
+            self._set_back(stamp)
         frame = self._frame(stamp)
         if frame is None or topic in frame.arrays:
             return False
@@ -89,17 +94,18 @@ class Assembly:
         Return, oldest first, the frames to be scored now.
 
         These are the frames up to the newest that is whole or whose key array came before
-        ``older_than_s`` [s].
+        ``older_than_s`` [s], and those that were waiting when the clock was set back.
         """
+        left, self._left = self._left, []
         ready = [
             stamp for stamp, frame in self._frames.items()
             if self._is_whole(frame) or frame.arrived.get(self._key, older_than_s) < older_than_s
         ]
         if not ready:
-            return []
+            return left
         self._done = max(ready)
         taken = sorted(stamp for stamp in self._frames if stamp <= self._done)
-        return [self._frames.pop(stamp) for stamp in taken]
+        return left + [self._frames.pop(stamp) for stamp in taken]
 
     def expect_no_more(self, topics: Iterable[str], before_s: float) -> None:
         """Expect no answer of topics to frames whose key array came before a time [s]."""
@@ -109,9 +115,14 @@ class Assembly:
         for topic in topics:
             self._mute[topic] = max([self._mute[topic], *known])
 
-    def counts(self) -> Mapping[str, int]:
-        """Return how many frames wait."""
-        return {'waiting': len(self._frames)}
+    def _set_back(self, stamp: int) -> None:
+        """Go on from a stamp that lies before those of frames that are done."""
+        self._left += [
+            self._frames[late] for late in sorted(self._frames)
+            if self._key in self._frames[late].arrived]
+        self._frames.clear()
+        self._mute = dict.fromkeys(self._topics, -1)
+        self._done = stamp - 1
 
     def _frame(self, stamp: int) -> Frame | None:
         if stamp <= self._done:

@@ -27,8 +27,8 @@ class Timeline:
     new ones must exceed [ns], -1 before the first; negative stamps are always late.
     """
 
-    def __init__(self) -> None:
-        self.newest = -1
+    def __init__(self, newest: int = -1) -> None:
+        self.newest = newest
         self._row = 0
         self._last_late = -1
 

@@ -22,7 +22,6 @@ from lowsnr_sensor.ros.params import declare
 from lowsnr_sensor.timeline import Timeline
 from lowsnr_sensor.timeline import Verdict
 import rclpy
-from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock
 from rclpy.clock import ClockType
 from rclpy.executors import ExternalShutdownException
@@ -239,7 +238,7 @@ def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> 
         return
     except ExternalShutdownException:
         pass
-    except RCLError:
+    except RuntimeError:
         if rclpy.ok():  # else what was being published when SIGTERM came
             raise
     finally:
