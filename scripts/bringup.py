@@ -190,6 +190,7 @@ def calibrate(plan: 'RunPlan') -> None:
 
 def run(plan: 'RunPlan', folder: Path) -> int:
     """Start the graph, wait for its end, and print what it scored."""
+    from lowsnr_eval.bags.recording import bags_of
     from lowsnr_eval.bags.recording import describe_bag
     from lowsnr_eval.middleware import middleware_environment
     from lowsnr_eval.ros.supervisor import Supervisor
@@ -206,7 +207,7 @@ def run(plan: 'RunPlan', folder: Path) -> int:
         print(f'bringup.py: {trouble}', file=sys.stderr)
     print(f'results in {folder}')
     if '/recorder' in plan.parameters:
-        print(describe_bag(Path(plan.parameters['/recorder']['bag'])))
+        print(*map(describe_bag, bags_of(Path(plan.parameters['/recorder']['bag']))), sep='\n')
     if summary.is_file():
         report(folder)
     return status

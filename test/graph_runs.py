@@ -1,5 +1,6 @@
 """Start the real graph for a test, on a domain of its own, and see that nothing is left."""
 
+import csv
 from dataclasses import dataclass
 import json
 import os
@@ -71,6 +72,23 @@ class GraphRun:
                 module = words[words.index(b'-m') + 1].decode()
                 found[module.rpartition('.')[2]] = int(entry.name)
         return found
+
+    def restarts(self) -> list[dict[str, str]]:
+        """Return the rows of ``restarts.csv``."""
+        path = self.results / 'restarts.csv'
+        return list(csv.DictReader(path.read_text().splitlines())) if path.is_file() else []
+
+    def kill(self, module: str, number: int = signal.SIGKILL) -> None:
+        """Send a node a signal."""
+        os.kill(self.nodes()[module], number)
+
+    def wait_for_restarts(self, count: int, within_s: float = 90.0) -> None:
+        """Wait until so many nodes are back."""
+        until = time.monotonic() + within_s
+        while len(self.restarts()) < count:
+            assert self.process.poll() is None, self.finish()
+            assert time.monotonic() < until, f'{self.restarts()} after {within_s} s'
+            time.sleep(0.02)
 
     def wait_until_none_is_left(self, within_s: float = 5.0) -> None:
         """Fail where a node still runs after this time."""

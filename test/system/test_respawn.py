@@ -1,6 +1,5 @@
 """Nodes that die are started again: every frame is scored, unanswered or unseen, none is lost."""
 
-import csv
 import json
 import os
 import signal
@@ -14,21 +13,11 @@ FRAMES = 300
 LOCKSTEP = ('--detector', 'cdt', '--scenario', 'example3', '--snr', '12', '--loop', '--lockstep')
 
 
-def restarts(run):
-    """Return the rows of ``restarts.csv``."""
-    with (run.results / 'restarts.csv').open(newline='') as file:
-        return list(csv.DictReader(file))
-
-
 def end_a_node(run, module, number):
     """End a node and wait until it is back and scores come again."""
-    before = len(restarts(run)) if (run.results / 'restarts.csv').exists() else 0
-    os.kill(run.nodes()[module], number)
-    until = time.monotonic() + 60.0
-    while not (run.results / 'restarts.csv').exists() or len(restarts(run)) == before:
-        assert run.process.poll() is None, run.finish()
-        assert time.monotonic() < until, f'{module} is not back'
-        time.sleep(0.02)
+    before = len(run.restarts())
+    run.kill(module, number)
+    run.wait_for_restarts(before + 1)
     run.wait_for_rows(len(run.rows()) + 20)
 
 
@@ -76,7 +65,7 @@ def test_ids_of_tracks_are_not_used_again(bringup):
     assert run.finish()[0] == 130
     lines = [json.loads(line) for line in (run.results / 'scene.jsonl').read_text().splitlines()]
     ids = [{mark[2] for mark in line['chains']['cdt']['tracks']} for line in lines]
-    killed = int(restarts(run)[0]['frame'])
+    killed = int(run.restarts()[0]['frame'])
     before, after = set().union(*ids[:killed]), set().union(*ids[killed + 1:])
     assert before
     assert after

@@ -98,8 +98,8 @@ class EvaluatorNode(ManagedNode):
         self._score()
 
     def _settle(self) -> None:
-        if trouble := self._judge.settle():
-            self.refuse(f'{trouble}; scores are kept until they can be written')
+        trouble = self._judge.settle()
+        self.broken = trouble and f'{trouble}; scores are kept until they can be written'
 
     def _score(self, older_than_s: float = -float('inf')) -> None:
         """Score the frames that are whole, or have waited since ``older_than_s``."""

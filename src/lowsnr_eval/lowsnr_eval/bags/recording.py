@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+import itertools
 import json
 from pathlib import Path
 
@@ -47,6 +48,12 @@ class Tally:
 def bag_of_life(bag: Path, lives: int) -> Path:
     """Return the bag of a recorder that was started so often before: each has its own."""
     return bag.with_name(f'{bag.name}-{lives + 1}') if lives else bag
+
+
+def bags_of(bag: Path) -> list[Path]:
+    """Return the bags of a run: one, and one more for each restart of its recorder."""
+    found = itertools.takewhile(Path.exists, (bag_of_life(bag, n) for n in itertools.count(1)))
+    return [bag, *found]
 
 
 def describe_bag(folder: Path) -> str:

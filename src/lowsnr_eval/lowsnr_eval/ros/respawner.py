@@ -22,6 +22,8 @@ _COLUMNS = ('frame', 'node', 'death', 'down_s')
 # A start may have to calibrate.
 _ACTIVE_WITHIN_S = 600.0
 _USAGE_ERROR = 2
+# Of what a node ends itself with, what it would end with again; a recorder on a full disk does.
+_FINAL = {'recorder': (_USAGE_ERROR, 1)}
 
 
 @dataclass
@@ -72,7 +74,7 @@ class Respawner:
             return True  # waits for its start
         deaths = self._deaths.setdefault(node, Deaths(self.policy))
         wait_s = deaths.add(now_s)
-        if member.process.returncode == _USAGE_ERROR or wait_s is None:
+        if wait_s is None or member.process.returncode in _FINAL.get(node.name, (_USAGE_ERROR,)):
             self._cases.pop(node, None)
             return False
         first = self._cases.get(node)

@@ -34,8 +34,7 @@ from rclpy.qos import ReliabilityPolicy
 from rclpy.timer import Timer
 
 _FRAME_BYTES = 256 * 2**20
-_PEERS_WITHIN_S = 20.0
-_THROTTLE_S = 5.0
+_PEERS_WITHIN_S, _THROTTLE_S = 20.0, 5.0
 FAILED, USAGE_ERROR, TERMINATED = 1, 2, 128 + signal.SIGTERM
 
 
@@ -58,6 +57,7 @@ class ManagedNode(LifecycleNode):
         self._inputs: list[Input] = []
         self._timelines: dict[str, Timeline] = defaultdict(Timeline)
         self._faults: list[str] = []
+        self.broken = ''  # what keeps the node from its work
         self._quiet_until = 0.0
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._diagnostics_timer = self.create_timer(1.0, self.report)
@@ -74,7 +74,7 @@ class ManagedNode(LifecycleNode):
         until = time.monotonic() + _PEERS_WITHIN_S
         while missing := self._missing_peer():
             if time.monotonic() > until:
-                self.get_logger().error('; '.join([missing, *self._connection_faults()]))
+                self.get_logger().error('; '.join([missing, *self._standing_faults()]))
                 return TransitionCallbackReturn.FAILURE
             time.sleep(0.005)
         self.active = True
@@ -161,7 +161,7 @@ class ManagedNode(LifecycleNode):
         """Publish counts, times and what is wrong."""
         if not self.context.ok():
             return
-        faults = self._connection_faults()
+        faults = self._standing_faults()
         if faults and faults != self._faults:
             self.get_logger().error('; '.join(faults))
         self._faults = faults
@@ -173,8 +173,9 @@ class ManagedNode(LifecycleNode):
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
 
-    def _connection_faults(self) -> list[str]:
-        faults = [said for each in self._inputs for said in each.faults()]
+    def _standing_faults(self) -> list[str]:
+        faults = [self.broken] if self.broken else []
+        faults += [said for each in self._inputs for said in each.faults()]
         return faults + [said for each in self.outputs for said in output_faults(self, each)]
 
     def _report_soon(self) -> None:

@@ -1,0 +1,108 @@
+"""A full disk, and folders removed under a run: the run goes on, and no score is lost."""
+
+import shutil
+import signal
+import time
+
+from conftest import fill
+from lowsnr_eval.bags.reader import Bag
+import pytest
+
+RUN = ('--detector', 'cdt', '--loop', '--lockstep')
+
+
+def stop(run):
+    """End a run by Ctrl-C; return exit code, stdout and stderr."""
+    run.process.send_signal(signal.SIGINT)
+    return run.finish()
+
+
+def wait_for(text, path, within_s=30.0):
+    """Wait until a log holds a text."""
+    until = time.monotonic() + within_s
+    while text not in path.read_text():
+        assert time.monotonic() < until, path.read_text()
+        time.sleep(0.05)
+
+
+def check_whole(run):
+    """Check that the table has every frame that was published, and none twice."""
+    frames = run.summary()['frames']
+    numbers = [int(row.split(',')[0]) for row in run.rows()]
+    assert numbers == [number for number in range(1, numbers[-1] + 1) for _ in range(2)]
+    assert numbers[-1] == frames['scored'] + frames['unanswered']
+    assert frames['unseen'] <= 1  # the one under way at the end
+    assert (run.results / 'latency.csv').read_text().count('\n') == 1 + frames['scored']
+
+
+def test_scores_wait_for_room_on_a_full_disk(bringup, small_disk):
+    run = bringup(*RUN, results='disk/run')
+    run.wait_for_rows(40)
+    fill(small_disk / 'ballast')
+    log = run.results / 'log' / 'evaluator.log'
+    time.sleep(2.0)  # so long that many a score must wait
+    (small_disk / 'ballast').unlink()
+    wait_for('scores are kept until they can be written', log)
+    rows = len(run.rows())
+    run.wait_for_rows(rows + 200)
+    assert stop(run)[0] == 130
+    check_whole(run)
+    run.wait_until_none_is_left()
+
+
+@pytest.mark.parametrize('restart', [False, True], ids=['', 'and the evaluator killed'])
+def test_results_folder_that_is_removed_comes_back(bringup, restart):
+    run = bringup(*RUN)
+    run.wait_for_rows(100)
+    shutil.rmtree(run.results)
+    until = time.monotonic() + 30.0
+    while not (run.results / 'summary.json').exists():
+        assert time.monotonic() < until
+        time.sleep(0.05)
+    if restart:
+        run.kill('evaluator_node')
+        run.wait_for_restarts(1)
+    run.wait_for_rows(len(run.rows()) + 100)
+    code, _, err = stop(run)
+    assert code == 130
+    assert 'Traceback' not in err
+    if not restart:
+        check_whole(run)
+    assert int(run.rows()[0].split(',')[0]) == 1
+    run.wait_until_none_is_left()
+
+
+def test_recorder_on_a_full_disk_does_not_end_the_run(bringup, small_disk):
+    run = bringup(*RUN, '--record', str(small_disk / 'bag'))
+    run.wait_for_rows(20)
+    while sum(path.stat().st_size for path in (small_disk / 'bag').glob('*.mcap')) < 100_000:
+        run.wait_for_rows(len(run.rows()) + 2)
+    fill(small_disk / 'ballast')
+    log = run.results / 'log' / 'recorder.log'
+    wait_for('recording failed after', log)
+    run.wait_for_rows(len(run.rows()) + 400)
+    code, out, err = stop(run)
+    assert code == 130
+    assert 'recorder ended with status 1' in err
+    assert 'is good up to' in out
+    with Bag(small_disk / 'bag') as bag:
+        assert sum(1 for _ in bag.messages({'/image_raw'})) > 20
+    run.wait_until_none_is_left()
+
+
+def test_a_killed_recorder_goes_on_in_a_bag_of_its_own(bringup, tmp_path):
+    run = bringup(*RUN, '--record', str(tmp_path / 'bag'))
+    run.wait_for_rows(200)
+    run.kill('recorder_node')
+    run.wait_for_restarts(1)
+    run.wait_for_rows(len(run.rows()) + 200)
+    code, out, _ = stop(run)
+    assert code == 130
+    stamps = []
+    for name in ('bag', 'bag-2'):
+        assert str(tmp_path / name) in out
+        with Bag(tmp_path / name) as bag:
+            stamps.append([message.logged_ns for message in bag.messages({'/image_raw'})])
+    assert stamps[0]
+    assert len(stamps[1]) > 50
+    assert stamps[0][-1] < stamps[1][0]
