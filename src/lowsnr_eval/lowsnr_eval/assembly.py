@@ -65,6 +65,7 @@ class Assembly:
         self._topics = tuple(topics)
         self._key = key
         self._frames: dict[int, Frame] = {}
+        self._changed: set[int] = set()  # since frames were last taken
         self._done = done
         self._timeline = Timeline(done)
         self._mute = dict.fromkeys(self._topics, -1)  # stamps up to which nothing will come
@@ -97,10 +98,12 @@ class Assembly:
         ``older_than_s`` [s], and those that were waiting when the clock was set back.
         """
         left, self._left = self._left, []
-        ready = [
-            stamp for stamp, frame in self._frames.items()
-            if self._is_whole(frame) or frame.arrived.get(self._key, older_than_s) < older_than_s
-        ]
+        # Only these can have become whole: of many that wait, each message looks at one.
+        changed, self._changed = self._changed & self._frames.keys(), set()
+        ready = [stamp for stamp in changed if self._is_whole(self._frames[stamp])]
+        if older_than_s > -float('inf'):
+            ready += [stamp for stamp, frame in self._frames.items()
+                      if frame.arrived.get(self._key, older_than_s) < older_than_s]
         if not ready:
             return left
         self._done = max(ready)
@@ -114,6 +117,7 @@ class Assembly:
             if frame.arrived.get(self._key, before_s) < before_s]
         for topic in topics:
             self._mute[topic] = max([self._mute[topic], *known])
+        self._changed.update(known)
 
     def _set_back(self, stamp: int) -> None:
         """Go on from a stamp that lies before those of frames that are done."""
@@ -130,6 +134,7 @@ class Assembly:
         if stamp not in self._frames:
             self._frames[stamp] = Frame(stamp)
             self._forget_unknown()
+        self._changed.add(stamp)
         return self._frames[stamp]
 
     def _forget_unknown(self) -> None:

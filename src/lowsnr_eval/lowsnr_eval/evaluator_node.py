@@ -46,11 +46,11 @@ class EvaluatorNode(ManagedNode):
         self._scored = self.create_publisher(DiagnosticArray, 'scored', depth)
         self.outputs = {self._scored: self.settings.consumers}
         for topic in self._judge.topics:
-            self.listen(
+            states = self.listen(
                 Odometry, f'{topic}/odometry', partial(self._on_state, topic), depth,
                 steady=False)
             self.listen(
-                Detection2DArray, topic, partial(self._on_array, topic), depth)
+                Detection2DArray, topic, partial(self._on_array, topic), depth, first=states)
         self.listen(Image, 'image_raw', self._on_frame, any_reliability(WAITING))
         self.listen(
             DiagnosticArray, 'restarts', self._on_restart, depth, needed=False, steady=False)

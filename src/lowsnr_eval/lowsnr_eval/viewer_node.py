@@ -62,8 +62,10 @@ class ViewerNode(ManagedNode):
             Detection2DArray, TRUTH, partial(self._on_array, TRUTH), depth, needed=False)
         self.listen(Detection2DArray, DETECTIONS, partial(self._on_array, DETECTIONS), depth)
         self.listen(Image, FRAMES, self._on_frame, any_reliability(_DEPTH))
-        self.listen(Odometry, f'{TRACKS}/odometry', self._on_track, depth, steady=False)
-        self.listen(Detection2DArray, TRACKS, partial(self._on_array, TRACKS), depth)
+        states = self.listen(
+            Odometry, f'{TRACKS}/odometry', self._on_track, depth, steady=False)
+        self.listen(
+            Detection2DArray, TRACKS, partial(self._on_array, TRACKS), depth, first=states)
         self.create_timer(_PATIENCE_S, self._on_timer)
         return TransitionCallbackReturn.SUCCESS
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from collections.abc import Mapping
 from typing import Any
 
 from rclpy.node import Node
@@ -13,6 +14,30 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 # Names that one line holds.
 _MOST_NAMES = 5
+
+
+def missing_peer(outputs: Mapping[Any, int], inputs: Iterable[Any]) -> str:
+    """
+    Say which reader or writer is not connected yet; nothing where all are.
+
+    Both ends of a connection find each other at their own time, and a reader that has not found
+    its writer loses what the writer sends.  So each node looks at both.
+
+    Parameters
+    ----------
+    outputs
+        Publishers, each with the number of readers that it must have.
+    inputs
+        Subscriptions that must have a writer.
+
+    """
+    for publisher, needed in outputs.items():
+        if (found := publisher.get_subscription_count()) < needed:
+            return f'{publisher.topic_name}: {found} of {needed} readers (see consumers)'
+    for subscription in inputs:
+        if not subscription.get_publisher_count():
+            return f'{subscription.topic_name}: nobody publishes it'
+    return ''
 
 
 def input_faults(node: Node, subscription: Any) -> list[str]:

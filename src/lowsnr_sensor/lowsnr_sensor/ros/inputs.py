@@ -22,7 +22,7 @@ class Input:
     ----------
     node
         The :class:`lowsnr_sensor.ros.runtime.ManagedNode` that listens.
-    kind, topic, callback, qos, needed, steady
+    kind, topic, callback, qos, needed, steady, first
         As for its ``listen``.
 
     """
@@ -30,9 +30,10 @@ class Input:
     def __init__(
         self, node: Any, kind: type, topic: str, callback: Callable[[Any], None],
         qos: QoSProfile, needed: bool, steady: bool,
+        first: Input | None,
     ) -> None:
         self._node, self._kind, self._topic, self._qos = node, kind, topic, qos
-        self._callback = callback
+        self._callback, self._first = callback, first
         self.needed, self._steady = needed, needed and steady
         self._heard_s = 0.0
         self._incompatible = ''
@@ -72,7 +73,18 @@ class Input:
                 message_lost=self._on_lost, incompatible_qos=self._on_incompatible,
                 use_default_callbacks=False))
 
+    def drain(self) -> None:
+        """Take what waits."""
+        while True:
+            with self.subscription.handle:
+                found = self.subscription.handle.take_message(self._kind, False)
+            if found is None:
+                return
+            self._take(found[0])
+
     def _take(self, message: Any) -> None:
+        if self._first is not None:
+            self._first.drain()
         self._heard_s = time.perf_counter()
         try:
             self._callback(message)

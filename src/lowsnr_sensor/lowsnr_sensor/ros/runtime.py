@@ -14,6 +14,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from lowsnr_sensor.node_settings import NodeSettings
 from lowsnr_sensor.parent import follow_parent
+from lowsnr_sensor.ros.connections import missing_peer
 from lowsnr_sensor.ros.connections import output_faults
 from lowsnr_sensor.ros.diagnostics import Health
 from lowsnr_sensor.ros.inputs import Input
@@ -72,7 +73,7 @@ class ManagedNode(LifecycleNode):
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Wait for the peers, then become active."""
         until = time.monotonic() + _PEERS_WITHIN_S
-        while missing := self._missing_peer():
+        while missing := self._missing():
             if time.monotonic() > until:
                 self.get_logger().error('; '.join([missing, *self._standing_faults()]))
                 return TransitionCallbackReturn.FAILURE
@@ -92,8 +93,8 @@ class ManagedNode(LifecycleNode):
 
     def listen(
         self, kind: type, topic: str, callback: Callable[[Any], None], qos: QoSProfile,
-        needed: bool = True, steady: bool = True,
-    ) -> None:
+        needed: bool = True, steady: bool = True, first: Input | None = None,
+    ) -> Input:
         """
         Subscribe to a topic.
 
@@ -107,25 +108,19 @@ class ManagedNode(LifecycleNode):
             Whether it must have a writer before the node becomes active, and while it is.
         steady
             Whether every frame brings a message, so that silence is worth a word.
+        first
+            An input whose waiting messages are taken before each of this one.  By itself a node
+            takes one message of each input in turn, so that after a stall an input of several
+            messages a frame would lag behind one of a single.
 
         """
-        self._inputs.append(Input(self, kind, topic, callback, qos, needed, steady))
+        self._inputs.append(Input(self, kind, topic, callback, qos, needed, steady, first))
+        return self._inputs[-1]
 
-    def _missing_peer(self) -> str:
-        """
-        Say which reader or writer is not connected yet; nothing where all are.
-
-        Both ends of a connection find each other at their own time, and a reader that has
-        not found its writer loses what the writer sends.  So each node looks at both.
-        """
-        for publisher, consumers in self.outputs.items():
-            needed = consumers + self.settings.observers
-            if (found := publisher.get_subscription_count()) < needed:
-                return f'{publisher.topic_name}: {found} of {needed} readers (see consumers)'
-        for each in self._inputs if self.settings.consumers else ():
-            if each.needed and not each.subscription.get_publisher_count():
-                return f'{each.subscription.topic_name}: nobody publishes it'
-        return ''
+    def _missing(self) -> str:
+        needed = {each: n + self.settings.observers for each, n in self.outputs.items()}
+        inputs = [each.subscription for each in self._inputs if each.needed]
+        return missing_peer(needed, inputs if self.settings.consumers else [])
 
     def refuse(self, why: str, reason: str = '') -> None:
         """Count a message that is not used, also by its reason, and say why."""
