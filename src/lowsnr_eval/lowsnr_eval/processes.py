@@ -77,7 +77,7 @@ class ProcessGroup:
     def start(self, node: Node, parameter_file: Path) -> NodeProcess:
         """Start one node with its parameters; its output goes to ``<label>.log``."""
         command = [sys.executable, '-m', node.module, *node.arguments, '--ros-args',
-                   '--params-file', str(parameter_file)]
+                   '--params-file', str(parameter_file), '--enclave', node.path]
         if node.namespace:
             command += ['-r', f'__ns:={node.namespace}']
         for remap in node.remaps:
