@@ -125,13 +125,18 @@ def add_how_to_run(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--domain-id', type=number(0, whole=True), metavar='N',
         help='ROS domain (default: ROS_DOMAIN_ID, or 0)')
+    parser.add_argument(
+        '--secure', type=Path, metavar='KEYSTORE',
+        help='start every node in its enclave of this SROS 2 keystore, with security enforced; '
+        'what the keystore lacks is said, with the commands that make it')
 
 
 def main() -> int:
     """Run; return the exit code."""
     _environment.ensure()
     options = parse_arguments(sys.argv[1:])
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    if not os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE'):  # ROS takes empty for the subnet
+        os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     if options.domain_id is not None:
         os.environ['ROS_DOMAIN_ID'] = str(options.domain_id)
     from lowsnr_eval.domain import claim_domain
@@ -140,6 +145,8 @@ def main() -> int:
     try:
         plan = plan_of(options)
         claim = claim_domain()
+        if options.secure is not None:
+            secure(plan, options.secure)
         folder = fresh_folder(options.results or ROOT / 'results' / plan.name)
     except ValueError as error:
         print(f'bringup.py: {error}', file=sys.stderr)
@@ -168,6 +175,15 @@ def plan_of(options: argparse.Namespace) -> 'RunPlan':
         record=options.record, storage=options.storage, replay=options.replay,
         frames_topic=options.frames_topic, truth_topic=options.truth_topic,
         condition=options.condition, view=options.view, respawn=options.respawn), CONFIG)
+
+
+def secure(plan: 'RunPlan', keystore: Path) -> None:
+    """Have all that is started from here on enforce security, each node in its own enclave."""
+    from lowsnr_eval.graph import MANAGER
+    from lowsnr_eval.keystore import secured_environment
+
+    nodes = [f'/{MANAGER}', *(node.path for node in plan.nodes)]
+    os.environ |= secured_environment(keystore, nodes, os.environ)
 
 
 def calibrate(plan: 'RunPlan') -> None:

@@ -97,6 +97,15 @@ def test_type_that_nobody_defines_is_named():
         type_definition('no_msgs/msg/Nothing')
 
 
+@pytest.mark.parametrize('name', [
+    '', 'Image', 'sensor_msgs/Image', 'sensor_msgs/msg/../msg/Image',
+    '../share/sensor_msgs/msg/Image', 'sensor_msgs/msg/Image/', '/sensor_msgs/msg/Image',
+    'sensor_msgs/msg/Image\n'])
+def test_type_name_never_leads_elsewhere(name):
+    with pytest.raises(ValueError, match='is no message type'):
+        type_definition(name)
+
+
 @pytest.mark.parametrize(('dtype', 'encoding'), [
     (np.uint8, 'mono8'), (np.uint16, 'mono16'), (np.float64, '32FC1')])
 def test_frames_keep_their_depth(tmp_path, dtype, encoding):

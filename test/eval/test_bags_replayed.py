@@ -131,6 +131,14 @@ def test_replay_of_a_recorded_replay_is_planned_alike(tmp_path):
         assert again.parameters == replay.parameters
 
 
+def test_name_that_a_bag_tells_leads_nowhere(tmp_path):
+    live = plan_run(RunOptions(detectors=['sdt'], scenario='example3'), CONFIG)
+    live.parameters['/evaluator']['scenario'] = '../../etc/$(id) x'
+    with FrameBag(tmp_path / 'bag', custom={CUSTOM_PARAMETERS: to_yaml(live.parameters)}) as bag:
+        bag.add(np.zeros((20, 20)), MS, ())
+    assert plan(tmp_path / 'bag').name == '.._.._etc_id_x-sdt'
+
+
 @pytest.mark.parametrize('text', ['[', '3', 'a: b', '/evaluator: {ros__parameters: 3}'])
 def test_parameters_that_cannot_be_read_are_said(tmp_path, text):
     with FrameBag(tmp_path / 'bag', custom={CUSTOM_PARAMETERS: text}) as bag:

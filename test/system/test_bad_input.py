@@ -1,6 +1,7 @@
 """What cannot be run: exit 2, one line that names culprit and mend, nothing written."""
 
 from graph_runs import run_bringup
+from keystores import empty_keystore
 import pytest
 
 SCENARIO = 'objects: [{id: a, first_frame: 1, last_frame: 9, start: {x_m: 3.0, y_m: 3.0}, legs: '
@@ -44,6 +45,31 @@ def test_results_folder_that_cannot_be_made_ends_with_one_line(tmp_path):
     done = run_bringup('--results', str(tmp_path / 'file' / 'run'))
     check_refused(done, str(tmp_path / 'file'), tmp_path)
     assert '--results' in done.stderr
+
+
+def test_folder_that_is_no_keystore_ends_with_one_line(tmp_path):
+    done = run_bringup('--results', str(tmp_path / 'run'), '--secure', str(tmp_path))
+    check_refused(done, f'{tmp_path}: is not a keystore', tmp_path)
+    assert f'ros2 security create_keystore {tmp_path}\n' in done.stderr
+
+
+def test_enclaves_that_are_lacking_end_with_one_line(tmp_path):
+    keys = empty_keystore(tmp_path / 'keys', ['/bringup', '/evaluator', '/cdt/tracker', '/sensor'])
+    done = run_bringup('--results', str(tmp_path / 'run'), '--detector', 'cdt', 'sdt', '--secure',
+                       str(keys))
+    check_refused(
+        done, 'lacks the enclaves /cdt/cdt_detector, /sdt/tracker, /sdt/sdt_detector: ', tmp_path)
+    for node in ('/cdt/cdt_detector', '/sdt/tracker', '/sdt/sdt_detector'):
+        assert f'ros2 security create_enclave {keys} {node}' in done.stderr
+
+
+def test_enclaves_that_no_middleware_takes_end_with_one_line(tmp_path):
+    keys = empty_keystore(
+        tmp_path / 'keys', ['/bringup', '/evaluator', '/tracker', '/cdt_detector', '/sensor'])
+    done = run_bringup('--results', str(tmp_path / 'run'), '--detector', 'cdt', '--secure',
+                       str(keys))
+    check_refused(
+        done, 'the middleware does not start a node in its enclave (/bringup: ', tmp_path)
 
 
 def check_refused(done, said, folder):

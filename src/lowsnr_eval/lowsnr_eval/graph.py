@@ -30,6 +30,7 @@ from lowsnr_track.pda_mmpf import PdaMmpf
 import yaml
 
 EVERY_NODE = '/**'
+MANAGER = 'bringup'  # bring-up's own node
 CONDITIONED = '/conditioned/'
 SEEN = ('image_raw', 'ground_truth', 'ground_truth/odometry')
 KEY = 'ros__parameters'

@@ -1,4 +1,4 @@
-"""Settings of the middleware for a run: quick to find one another, and room for large frames."""
+"""Settings of the middleware for a run: who is found, how quickly, and room for large frames."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from pathlib import Path
 PROFILE_FILE = 'fastdds.xml'
 # Read by Fast DDS 2 (Jazzy) and by later ones.
 _VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
+# Discovery beyond this host; so it is where nothing is said.
+_RANGE, _WIDE = 'ROS_AUTOMATIC_DISCOVERY_RANGE', ('', 'SUBNET', 'SYSTEM_DEFAULT')
 # What Fast DDS's own segment of half a megabyte holds well.
 _SMALL_BYTES = 65_536
 _FRAMES_IN_SEGMENT = 8
@@ -41,14 +43,21 @@ _TRANSPORTS = """\
     <transport_descriptor>
       <transport_id>frames</transport_id>
       <type>SHM</type>
-      <segment_size>{segment}</segment_size>
-      <maxMessageSize>{message}</maxMessageSize>
-    </transport_descriptor>
+{room}    </transport_descriptor>
     <transport_descriptor>
       <transport_id>network</transport_id>
       <type>UDPv4</type>
-    </transport_descriptor>
+{only}    </transport_descriptor>
   </transport_descriptors>
+"""
+_ROOM = """\
+      <segment_size>{segment}</segment_size>
+      <maxMessageSize>{message}</maxMessageSize>
+"""
+_ONLY_THIS_HOST = """\
+      <interfaceWhiteList>
+        <address>127.0.0.1</address>
+      </interfaceWhiteList>
 """
 _USE = """\
       <userTransports>
@@ -69,7 +78,8 @@ def middleware_environment(
     together may miss one another, a lost message or word of its arrival is made up for, after
     three seconds; here after a tenth of one.  A frame that does not fit into the default
     segment of shared memory goes through UDP in pieces, which takes ten times as long; for such
-    frames there is a segment that holds them.
+    frames there is a segment that holds them.  Where discovery is limited to this host, so are
+    the sockets: by default they are open to everybody who knows the address of the host.
 
     Parameters
     ----------
@@ -83,11 +93,21 @@ def middleware_environment(
     """
     if any(name in environment for name in _VARIABLES):
         return {}
-    transports = use = ''
+    transports = use = room = ''
     if frame_bytes > _SMALL_BYTES:
         message = frame_bytes + _MARGIN_BYTES
         segment = min(_FRAMES_IN_SEGMENT * message, max(_LARGEST_SEGMENT, 2 * message))
-        transports, use = _TRANSPORTS.format(segment=segment, message=message), _USE
+        room = _ROOM.format(segment=segment, message=message)
+    only = _ONLY_THIS_HOST if _stays_on_host(environment) else ''
+    if room or only:
+        transports, use = _TRANSPORTS.format(room=room, only=only), _USE
     path = (folder / PROFILE_FILE).resolve()
     path.write_text(_PROFILE.format(transports=transports, use=use), encoding='utf-8')
     return dict.fromkeys(_VARIABLES, str(path))
+
+
+def _stays_on_host(environment: Mapping[str, str]) -> bool:
+    """Whether nobody on another host is looked for, nor let in."""
+    if environment.get('ROS_LOCALHOST_ONLY') == '1':  # the older variable, which wins
+        return True
+    return environment.get(_RANGE, '') not in _WIDE and not environment.get('ROS_STATIC_PEERS')

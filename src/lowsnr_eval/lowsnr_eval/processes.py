@@ -92,7 +92,7 @@ class ProcessGroup:
         longer a member.
         """
         command = [sys.executable, '-m', node.module, *node.arguments, '--ros-args',
-                   '--params-file', str(parameter_file)]
+                   '--params-file', str(parameter_file), '--enclave', node.path]
         for name, value in parameters.items():
             command += ['-p', f'{name}:={value}']
         if node.namespace:

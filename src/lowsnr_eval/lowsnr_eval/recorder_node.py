@@ -128,11 +128,12 @@ class RecorderNode(ManagedNode):
         return ''
 
     def _subscribe(self, name: str, msgtype: str, publishers: list[Any]) -> None:
-        package, _, kind = msgtype.split('/')
         try:
+            # First: whoever publishes chooses the name, and nothing but message types is imported.
+            digest = type_definition(msgtype).digest
+            package, _, kind = msgtype.split('/')
             message = getattr(import_module(f'{package}.msg'), kind)
-            advertised = {str(item.topic_type_hash) for item in publishers}
-            if advertised != {type_definition(msgtype).digest}:
+            if {str(item.topic_type_hash) for item in publishers} != {digest}:
                 raise ValueError(f'{msgtype}: publishers have another definition of this type')
             assert self._bag is not None
             topic = self._bag.add_topic(

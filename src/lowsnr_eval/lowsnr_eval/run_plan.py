@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import difflib
 from pathlib import Path
+import re
 from typing import Any
 
 from lowsnr_detect.detector import refuse_late_answers
@@ -119,8 +120,10 @@ def plan_run(options: RunOptions, config_folder: Path) -> RunPlan:
     frames = None if options.loop else options.frames or source.frames
     if recorded is not None:
         frames = min(options.frames or source.frames, source.frames)
+    # A bag may call its scenario anything; the results stay in their folder.
+    name = re.sub(r'[^\w.-]+', '_', source.name)
     return RunPlan(
-        '-'.join([source.name, *names]), nodes, parameters, detectors, frames,
+        '-'.join([name, *names]), nodes, parameters, detectors, frames,
         recorded.notes if recorded else (),
         options.loop if options.respawn is None else options.respawn)
 

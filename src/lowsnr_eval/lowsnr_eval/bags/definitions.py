@@ -7,6 +7,7 @@ from functools import cache
 import json
 import os
 from pathlib import Path
+import re
 import sys
 
 _RULE = '=' * 80
@@ -49,6 +50,8 @@ def type_definition(msgtype: str) -> TypeDefinition:
 
 
 def _installed(msgtype: str, suffix: str) -> Path:
+    if not re.fullmatch(r'[A-Za-z]\w*/msg/[A-Za-z]\w*', msgtype, re.ASCII):
+        raise ValueError(f'{msgtype!r} is no message type')
     package, *folders, name = msgtype.split('/')
     for prefix in [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]:
         path = Path(prefix, 'share', package, *folders, f'{name}{suffix}')

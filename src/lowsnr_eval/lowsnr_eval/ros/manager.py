@@ -13,6 +13,7 @@ from diagnostic_msgs.msg import KeyValue
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from lifecycle_msgs.srv import GetState
+from lowsnr_eval.graph import MANAGER
 from lowsnr_eval.graph import Node as GraphNode
 from lowsnr_eval.ros.transition import PendingTransition
 from lowsnr_sensor.ros.messages import stamp_key
@@ -57,8 +58,10 @@ class Manager:
         self._on_scored = on_scored
         self.scored = self._detections = self._tracks = 0
         self._context = rclpy.Context()
-        rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
-        self._node = Node('bringup', context=self._context, use_global_arguments=False)
+        rclpy.init(
+            args=['--ros-args', '--enclave', f'/{MANAGER}'], context=self._context,
+            signal_handler_options=SignalHandlerOptions.NO)
+        self._node = Node(MANAGER, context=self._context, use_global_arguments=False)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._services = {

@@ -1,0 +1,101 @@
+"""
+A graph on one host and strangers on another: two network namespaces with a wire between them.
+
+Started in a namespace of its own (``unshare --net``) with the results folder and the domain, it
+starts ``bringup.py`` there and prints, as JSON, what reached others: datagrams before anybody
+spoke to the graph, and frames heard by a stranger that names the graph's host and by a neighbour
+on the same host.
+"""
+
+from contextlib import contextmanager
+import json
+import os
+from pathlib import Path
+import subprocess
+import sys
+import time
+
+from graph_runs import BRINGUP
+from graph_runs import GraphRun
+
+HOST, OTHER = '10.65.0.1', '10.65.0.2'
+LISTENS_S = 10.0
+
+
+@contextmanager
+def other_host():
+    """Make another network namespace, wired to this one; give the command that enters it."""
+    call('ip link set lo up')
+    holder = subprocess.Popen(
+        ['unshare', '--net', 'sh', '-c', 'echo; exec sleep 600'], stdout=subprocess.PIPE)
+    try:
+        holder.stdout.readline()  # it is in its namespace
+        enter = f'nsenter --target {holder.pid} --net '
+        call(f'ip link add here type veth peer name there netns {holder.pid}')
+        for prefix, name, address in [('', 'here', HOST), (enter, 'there', OTHER)]:
+            call(f'{prefix}ip link set lo up')
+            call(f'{prefix}ip address add {address}/24 dev {name}')
+            call(f'{prefix}ip link set {name} up')
+        yield enter
+    finally:
+        holder.kill()
+        holder.wait()
+
+
+def call(command):
+    """Run a command; return what it prints."""
+    return subprocess.run(
+        command.split(), stdout=subprocess.PIPE, text=True, check=True, timeout=60.0).stdout
+
+
+def datagrams(enter):
+    """Return how many IPv4 packets have come to the other host."""
+    names, values = [
+        line.split() for line in call(f'{enter}cat /proc/net/snmp').splitlines()
+        if line.startswith('Ip: ')]
+    return int(values[names.index('InReceives')])
+
+
+def listen():
+    """Print how many frames come, and end after the first or when the time is over."""
+    import rclpy
+    from rclpy.qos import qos_profile_sensor_data
+    from sensor_msgs.msg import Image
+
+    rclpy.init()
+    node, heard = rclpy.create_node('listener'), []
+    node.create_subscription(Image, 'image_raw', heard.append, qos_profile_sensor_data)
+    until = time.monotonic() + LISTENS_S
+    while time.monotonic() < until and not heard:
+        rclpy.spin_once(node, timeout_sec=0.1)
+    print(len(heard))
+
+
+def heard(enter, **environment):
+    """Return how many frames a listener hears that looks beyond its host."""
+    wide = {**os.environ, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET', **environment}
+    done = subprocess.run(
+        [*enter.split(), sys.executable, __file__], env=wide, stdout=subprocess.PIPE, check=True,
+        timeout=120.0)
+    return int(done.stdout)
+
+
+def main(results):
+    """Run the graph until all have listened."""
+    with other_host() as enter:
+        run = GraphRun(subprocess.Popen(
+            [sys.executable, str(BRINGUP), '--results', results, '--detector', 'cdt', '--loop',
+             '--rate', '50'],
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True), Path(results))
+        try:
+            run.wait_for_rows(200)
+            said = datagrams(enter)
+            print(json.dumps({
+                'datagrams': said, 'neighbour': heard(''),
+                'stranger': heard(enter, ROS_STATIC_PEERS=HOST)}))
+        finally:
+            run.end()
+
+
+if __name__ == '__main__':
+    main(*sys.argv[1:]) if sys.argv[1:] else listen()
