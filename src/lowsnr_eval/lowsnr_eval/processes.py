@@ -15,6 +15,7 @@ from types import MappingProxyType
 from typing import BinaryIO
 
 from lowsnr_eval.graph import Node
+from lowsnr_eval.shared_memory import clear_leftovers
 from lowsnr_sensor.parent import LIFELINE
 
 _TERM_WITHIN_S = 2.0
@@ -127,6 +128,7 @@ class ProcessGroup:
             for member in running:
                 member.process.kill()
             _wait(running, _TERM_WITHIN_S)
+        clear_leftovers()
 
 
 def _wait(members: Iterable[NodeProcess], seconds: float) -> bool:

@@ -15,6 +15,7 @@ from lowsnr_eval.processes import ProcessGroup
 from lowsnr_eval.respawning import Deaths
 from lowsnr_eval.respawning import RespawnPolicy
 from lowsnr_eval.ros.manager import Manager
+from lowsnr_eval.shared_memory import clear_leftovers
 from tqdm import tqdm
 
 RESTARTS_FILE = 'restarts.csv'
@@ -77,6 +78,7 @@ class Respawner:
         if wait_s is None or member.process.returncode in _FINAL.get(node.name, (_USAGE_ERROR,)):
             self._cases.pop(node, None)
             return False
+        clear_leftovers()
         first = self._cases.get(node)
         died_s = first.died_s if first else now_s
         self._cases[node] = _Case(member.death(), self.manager.scored, died_s, now_s + wait_s)
