@@ -1,0 +1,215 @@
+"""
+Run the graph for long, with a fault every few seconds, and see what is left of it.
+
+The scenario is empty, so that the share of frames with a declaration is the false-alarm rate that
+the detector was calibrated to.  Faults are drawn from a seed: nodes killed, ended or stopped for
+a while, and a stranger that sends what no node should believe.
+"""
+
+import argparse
+from collections import Counter
+from collections.abc import Iterator
+import contextlib
+from dataclasses import dataclass
+from dataclasses import field
+import os
+from pathlib import Path
+import signal
+import statistics
+import sys
+import tempfile
+import time
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT / 'scripts'), str(ROOT / 'test')]
+
+import _environment  # noqa: E402
+
+DOMAIN = 98
+NODES = ('sensor_node', 'detector_node', 'tracker_node', 'evaluator_node')
+SIGNALS = {'killed': signal.SIGKILL, 'ended': signal.SIGTERM, 'stopped': signal.SIGSTOP}
+TOPICS = ('/image_raw', '/detections', '/tracks')
+BURST = 100
+BLOCK = 200
+WARM_UP_S = 60.0
+# A threshold rests on 400 frames with a declaration, so that its rate is good to a tenth (95 %).
+CALIBRATED = 0.01
+CALIBRATED_HALF = 0.1 * CALIBRATED
+
+
+@dataclass
+class Soak:
+    """What is seen of a long run."""
+
+    faults: Counter[str] = field(default_factory=Counter)
+    # By node: time [s], resident memory [MiB], open files.
+    sizes: dict[str, list[tuple[float, float, int]]] = field(default_factory=dict)
+    shared: list[tuple[float, int]] = field(default_factory=list)
+
+
+def main() -> int:
+    """Run, print what was seen, and return 0 where all of it is as it should be."""
+    parser = argparse.ArgumentParser(
+        description=__doc__.strip().partition('\n')[0], allow_abbrev=False,
+        epilog='example: python benchmarks/soak.py --minutes 30 --seed 0')
+    parser.add_argument('--minutes', type=float, default=30.0, help='length of the run (30)')
+    parser.add_argument('--every', type=float, default=20.0, help='seconds from fault to fault')
+    parser.add_argument('--seed', type=int, default=0, help='seed of the faults (0)')
+    parser.add_argument('--results', type=Path, help='folder for the results of the run')
+    options = parser.parse_args()
+    _environment.ensure(dev=True)
+    os.environ |= {'ROS_DOMAIN_ID': str(DOMAIN), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+    from graph_runs import start_bringup
+    from intruder import Intruder
+    import numpy as np
+
+    with tempfile.TemporaryDirectory() as spare:
+        folder = options.results or Path(spare) / 'run'
+        run = start_bringup(
+            folder, '--detector', 'sdt', '--scenario', 'empty', '--loop', '--lockstep',
+            domain_id=DOMAIN)
+        soak = Soak()
+        try:
+            run.wait_for_rows(200, within_s=600.0)
+            with Intruder(DOMAIN) as stranger:
+                hurt(run, stranger, soak, options, np.random.default_rng(options.seed))
+            run.process.send_signal(signal.SIGINT)
+            code, out, err = run.finish()
+        finally:
+            run.end()
+        print(out.partition('P_D:')[0])
+        checks = [*account(run, soak, code, out + err), *flatness(soak), rate(run, np)]
+        for good, text in checks:
+            print(f'{"ok  " if good else "NOT "} {text}')
+        return 0 if all(good for good, _ in checks) else 1
+
+
+def hurt(run: Any, stranger: Any, soak: Soak, options: Any, rng: Any) -> None:
+    """Inject a fault every so often."""
+    import garbage
+
+    for topic in TOPICS:
+        stranger.connect(kind_of(topic), topic)
+    start = time.monotonic()
+    due = start + options.every
+    while time.monotonic() < start + 60.0 * options.minutes:
+        stranger.spin(1.0)
+        look(run, soak, time.monotonic() - start)
+        if run.process.poll() is not None:
+            return
+        if time.monotonic() >= due:
+            due += options.every
+            what = str(rng.choice([*SIGNALS, 'garbage', 'flood']))
+            if what in SIGNALS:
+                signalled(run, soak, what, str(rng.choice(NODES)), rng)
+            else:
+                lied(stranger, soak, what, str(rng.choice(TOPICS)), garbage, rng)
+
+
+def signalled(run: Any, soak: Soak, what: str, node: str, rng: Any) -> None:
+    """Send a node a signal; a stopped one goes on after one to five seconds."""
+    pid = run.nodes().get(node)
+    if pid is None:  # not back from the last
+        return
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(pid, SIGNALS[what])
+        soak.faults[f'{node} {what}'] += 1
+        if what == 'stopped':
+            time.sleep(float(rng.uniform(1.0, 5.0)))
+            os.kill(pid, signal.SIGCONT)
+
+
+def lied(stranger: Any, soak: Soak, what: str, topic: str, garbage: Any, rng: Any) -> None:
+    """Send messages that are to be refused, or many of an old stamp at once."""
+    kind = kind_of(topic)
+    found = list(garbage.BY_TYPE[kind](rng).items())
+    for number in range(BURST if what == 'garbage' else 50 * BURST):
+        name, message = found[int(rng.integers(len(found)))] if what == 'garbage' else (
+            'old stamp', kind())
+        if what == 'garbage':
+            message.header.stamp = stranger.next_stamp(topic)
+        stranger.send(topic, message, f'{topic} {name}')
+        soak.faults[f'{topic} {what}'] += 1
+        if what == 'flood' and number % 100 == 99:
+            time.sleep(0.02)  # 5,000 a second
+
+
+def kind_of(topic: str) -> type:
+    """Return the type of a topic."""
+    from intruder import HEARD
+    return HEARD[topic]
+
+
+def look(run: Any, soak: Soak, now_s: float) -> None:
+    """Note memory and open files of every process, and what is in shared memory."""
+    import psutil
+
+    for name, pid in {**run.nodes(), 'bringup': run.process.pid}.items():
+        with contextlib.suppress(psutil.Error):
+            process = psutil.Process(pid)
+            soak.sizes.setdefault(name, []).append(
+                (now_s, process.memory_info().rss / 2**20, process.num_fds()))
+    soak.shared.append((now_s, sum(
+        path.stat().st_size for path in Path('/dev/shm').glob('fastrtps_*') if path.exists())))
+
+
+def account(run: Any, soak: Soak, code: int, said: str) -> Iterator[tuple[bool, str]]:
+    """Yield whether every frame is accounted for, and how fast nodes came back."""
+    frames, restarts = run.summary()['frames'], run.restarts()
+    lost = frames['unanswered'] + frames['unseen']
+    yield code == 130, f'exit code {code}'
+    yield 'Traceback' not in said + ''.join(
+        path.read_text() for path in (run.results / 'log').iterdir()), 'no traceback'
+    yield (frames['published'] == frames['scored'] + lost,
+           f'{frames["published"]} frames published: {frames["scored"]} scored, '
+           f'{frames["unanswered"]} unanswered, {frames["unseen"]} unseen')
+    yield (len(run.rows()) == 2 * (frames['scored'] + frames['unanswered']),
+           'frames.csv has two lines for each that was scored or unanswered')
+    for name, count in sorted(soak.faults.items()):
+        yield True, f'{count:6d} x {name}'
+    yield True, f'{soak.faults.total()} faults'
+    down_s = sorted(float(row['down_s']) for row in restarts)
+    if down_s:
+        yield True, (f'{len(restarts)} restarts, back after {statistics.median(down_s):.2f} s '
+                     f'(median), {down_s[-1]:.2f} s (longest)')
+    run.wait_until_none_is_left()
+    yield True, 'no process left'
+
+
+def flatness(soak: Soak) -> Iterator[tuple[bool, str]]:
+    """Yield whether memory and open files of the last third are those of the first."""
+    last_s = soak.shared[-1][0]
+    for name, seen in soak.sizes.items():
+        thirds = [[row for row in seen if low < row[0] <= high] for low, high in (
+            (min(WARM_UP_S, last_s / 6), last_s / 3), (2 * last_s / 3, last_s))]
+        if all(thirds):
+            (early, files), (late, files_late) = (
+                (max(row[1] for row in part), max(row[2] for row in part)) for part in thirds)
+            yield (late < 1.1 * early + 4.0 and files_late <= files + 4,
+                   f'{name}: at most {early:.1f} then {late:.1f} MiB, {files} then '
+                   f'{files_late} open files')
+    most = [max(size for when, size in soak.shared if low <= when <= high) / 2**20
+            for low, high in ((0.0, last_s / 3), (2 * last_s / 3, last_s))]
+    yield most[1] < 2.0 * most[0] + 4.0, (
+        f'shared memory: at most {most[0]:.1f} then {most[1]:.1f} MiB')
+
+
+def rate(run: Any, np: Any) -> tuple[bool, str]:
+    """Return whether the false-alarm rate is what was asked for."""
+    rows = [row.split(',') for row in run.rows()]
+    declared = np.array([int(row[5]) > 0 for row in rows if row[3] == 'detection' and row[5]])
+    share = declared.mean()
+    # Declarations of one path share frames: blocks, not frames, are independent.
+    blocks = declared[:len(declared) // BLOCK * BLOCK].reshape(-1, BLOCK).mean(axis=1)
+    half = 1.96 * blocks.std(ddof=1) / np.sqrt(len(blocks))
+    return abs(share - CALIBRATED) < np.hypot(half, CALIBRATED_HALF), (
+        f'declarations in {100 * share:.2f} % [{100 * (share - half):.2f}, '
+        f'{100 * (share + half):.2f}] of {len(declared)} empty frames, calibrated to 1 %')
+
+
+if __name__ == '__main__':
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit(130)
