@@ -17,12 +17,12 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.msg import KeyValue
 from lowsnr_sensor.node_settings import NodeSettings
 from lowsnr_sensor.parent import follow_parent
+from lowsnr_sensor.ros.live import SettingsNode
 from lowsnr_sensor.ros.messages import stamp_key
 from lowsnr_sensor.ros.params import declare
 import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.lifecycle import LifecycleNode
 from rclpy.lifecycle import LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.qos import QoSProfile
@@ -35,7 +35,7 @@ _TIMED = 1000
 USAGE_ERROR = 2
 
 
-class ManagedNode(LifecycleNode):
+class ManagedNode(SettingsNode):
     """
     A lifecycle node that counts what it does and says it in ``/diagnostics``.
 
