@@ -67,6 +67,11 @@ class NodeClient:
         request = DescribeParameters.Request(names=names)
         return self.call(DescribeParameters, 'describe_parameters', request).descriptors
 
+    def changes(self):
+        """Return names and new values of the parameters that were changed so far."""
+        return [(item.name, parameter_value_to_python(item.value))
+                for event in self.events for item in event.changed_parameters]
+
     def see(self, *bright, frames=1):
         """Have a detector answer frames of zeros but for one cell; return how many it declares."""
         self.spin(lambda: self.frames.get_subscription_count()
