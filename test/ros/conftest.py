@@ -1,9 +1,12 @@
 """ROS contexts of their own, so that tests do not see each other's nodes."""
 
 from graph_runs import own_domain
+from node_client import NodeClient
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.impl.rcutils_logger import RcutilsLogger
+from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
 
@@ -35,3 +38,32 @@ def spin(context):
 
     yield until
     executor.shutdown()
+
+
+@pytest.fixture
+def started(context, spin, tmp_path, monkeypatch):
+    """Return a function that starts a node and returns a client of it."""
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
+    nodes = []
+
+    def start(kind, *arguments, **values):
+        given = [Parameter(name.replace('__', '.'), value=value) for name, value in values.items()]
+        node = kind(*arguments, context=context, parameter_overrides=given)
+        nodes.append(node)
+        node.autostart()
+        client = NodeClient(context, spin, node)
+        nodes.append(client.own)
+        return client
+
+    yield start
+    for node in nodes:
+        node.destroy_node()
+
+
+@pytest.fixture
+def log(monkeypatch):
+    """Return what nodes log."""
+    said = []
+    monkeypatch.setattr(
+        RcutilsLogger, 'log', lambda self, message, *_, **__: said.append(message) or True)
+    return said

@@ -4,9 +4,11 @@ from dataclasses import dataclass
 from dataclasses import field
 
 from lowsnr_sensor.config import build_settings
+from lowsnr_sensor.config import changed
 from lowsnr_sensor.config import check_settings
 from lowsnr_sensor.config import check_values
 from lowsnr_sensor.config import declared_settings
+from lowsnr_sensor.config import fixed
 from lowsnr_sensor.config import flat_values
 from lowsnr_sensor.config import flatten
 from lowsnr_sensor.config import setting
@@ -15,7 +17,7 @@ import pytest
 
 @dataclass(frozen=True, kw_only=True)
 class Optics:
-    gain: float = setting(1.0, 'amplification', gt=0.0, le=8.0)
+    gain: float = setting(1.0, 'amplification', gt=0.0, le=8.0, live=True)
 
     def __post_init__(self):
         check_settings(self)
@@ -111,3 +113,39 @@ def test_what_is_not_declared_is_refused(name):
 
 def test_nested_mappings_become_flat_names():
     assert flatten({'a': 1, 'b': {'c': 2, 'd': {'e': [3]}}}) == {'a': 1, 'b.c': 2, 'b.d.e': [3]}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Telescope:
+    free: Optics = field(default_factory=Optics)
+    sealed: Optics = fixed(Optics)
+    speed: float = setting(2.0, 'speed', ge=0.0, live=True)
+    limit: float = setting(3.0, 'largest speed', live=True)
+
+    def __post_init__(self):
+        check_settings(self)
+        if self.speed > self.limit:
+            raise ValueError('Telescope.speed must not be above limit')
+
+
+def test_settings_are_live_as_declared_and_never_in_a_fixed_group():
+    declared = declared_settings(Telescope)
+    assert {name for name, item in declared.items() if item.live} == {
+        'free.gain', 'speed', 'limit'}
+
+
+def test_changed_instance_keeps_the_rest_and_leaves_out_what_is_not_its_own():
+    before = Telescope(sealed=Optics(gain=3.0), speed=1)
+    after = changed(before, {'free.gain': 2, 'limit': 4.0, 'other.gain': 'x'})
+    assert after == Telescope(
+        free=Optics(gain=2.0), sealed=Optics(gain=3.0), speed=1.0, limit=4.0)
+    assert before == Telescope(sealed=Optics(gain=3.0), speed=1.0)
+
+
+@pytest.mark.parametrize(('values', 'said'), [
+    ({'free.gain': 9.0}, r'free\.gain = 9\.0, must be a number in \(0\.0, 8\.0\]'),
+    ({'speed': 3.5}, 'speed must not be above limit'),
+])
+def test_change_that_does_not_hold_is_refused(values, said):
+    with pytest.raises(ValueError, match=said):
+        changed(Telescope(), values)

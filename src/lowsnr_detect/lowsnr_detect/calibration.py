@@ -154,7 +154,8 @@ def calibrated(
 
 def at_operating_point(
     name: str, detector: Any, operating: DetectionSettings, shape: tuple[int, int], *,
-    log: Callable[[str], None], folder: Path | None = None,
+    log: Callable[[str], None], check: Callable[[], None] | None = None,
+    folder: Path | None = None,
 ) -> Any:
     """
     Return the detector with the thresholds of its operating point.
@@ -171,6 +172,8 @@ def at_operating_point(
         Rows and columns.
     log
         Told what is done, a sentence at a time: calibration takes seconds.
+    check
+        Called again and again meanwhile; raises to end it.
     folder
         Folder of the cache; by default the user's.
 
@@ -182,18 +185,23 @@ def at_operating_point(
     prob, size = operating.false_alarm_prob, f'{shape[1]} x {shape[0]} cells'
     found = calibrated(
         detector, prob, shape, folder=folder,
-        progress=_told(log, f'{name}: calibrating to {prob:g} false alarms a frame of {size}'))
+        progress=_told(
+            log, f'{name}: calibrating to {prob:g} false alarms a frame of {size}', check))
     log(f'{name}: threshold {found.threshold:.2f} nat (95 %: {found.interval[0]:.2f} to '
         f'{found.interval[1]:.2f}) for {prob:g} false alarms a frame of {size}')
     return replace(detector, threshold=found.threshold)
 
 
-def _told(log: Callable[[str], None], what: str) -> Progress:
-    """Return a progress callback that logs every fifth of the way."""
+def _told(
+    log: Callable[[str], None], what: str, check: Callable[[], None] | None,
+) -> Progress:
+    """Return a progress callback that checks, and logs every fifth of the way."""
     said = -1
 
     def progress(done: float) -> None:
         nonlocal said
+        if check:
+            check()
         step = math.floor(done * _STEPS)
         if step > said:
             said = step

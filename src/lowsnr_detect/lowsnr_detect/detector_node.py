@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from lowsnr_detect.calibration import at_operating_point
 from lowsnr_detect.detector import refuse_late_answers
+from lowsnr_detect.live import LiveDetector
+from lowsnr_detect.live import refuse_without_effect
 from lowsnr_detect.registry import detector_class
 from lowsnr_detect.rehearsal import rehearse
+from lowsnr_sensor.config import changed
 from lowsnr_sensor.malformed import Malformed
 from lowsnr_sensor.node_settings import DetectionSettings
 from lowsnr_sensor.ros import messages
@@ -34,18 +36,19 @@ class DetectorNode(ManagedNode):
     def __init__(self, detector: str, **kwargs: Any) -> None:
         super().__init__(f'{detector}_detector', **kwargs)
         self.name = detector
-        self.operating = declare(self, DetectionSettings)
-        self.detector: Any = declare(self, detector_class(detector))
-        refuse_late_answers(self.detector)
+        self.live = (
+            declare(self, detector_class(detector), live=True),
+            declare(self, DetectionSettings, live=True))
+        self._work: LiveDetector | None = None
+        refuse_late_answers(self.live[0])
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Create publishers and subscription; calibrate where the frame size is known."""
-        rehearse(self.detector)
-        shape = (self.operating.rows, self.operating.cols)
-        self._shape: tuple[int, int] | None = None
+        detector, operating = self.live
+        rehearse(detector)
+        shape = (operating.rows, operating.cols)
+        self._work = self._at_work(shape) if all(shape) else None
         self._rng = stream(self.settings.seed, 'detector')
-        if all(shape):
-            self._start(shape)
         depth = self.settings.queue_depth
         self._array = self.create_publisher(
             Detection2DArray, 'detections', reliable(depth))
@@ -56,43 +59,62 @@ class DetectorNode(ManagedNode):
             Image, 'image_raw', self._on_frame, any_reliability(frame_depth(depth, *shape)))
         return TransitionCallbackReturn.SUCCESS
 
-    def _start(self, shape: tuple[int, int]) -> None:
-        """Set the threshold for frames of this shape and the memory before the first."""
-        self._tuned = at_operating_point(
-            self.name, self.detector, self.operating, shape, log=self.get_logger().info)
-        self._memory = self._tuned.init(shape)
-        self._shape = shape
+    def _at_work(self, shape: tuple[int, int]) -> LiveDetector:
+        log = self.get_logger()
+        return LiveDetector(self.name, self.live, shape, log.info, log.error)
+
+    def complete(self, values: dict[str, Any]) -> dict[str, Any]:
+        """Refuse what would do nothing; going over to 'manual', begin with what is in force."""
+        detector, operating = (changed(one, values) for one in self.live)
+        refuse_without_effect(values, (detector, operating))
+        by_hand = operating.operating_point == 'manual' != self.live[1].operating_point
+        return self._work.thresholds() | values if by_hand and self._work else values
+
+    def on_set(self) -> None:
+        """Have the detector go over to the new settings."""
+        if self._work:
+            self._work.change(self.live, self.counts['in'] + 1)
 
     def _on_frame(self, image: Image) -> None:
         if not self.active or not self.is_new('image_raw', image.header.stamp):
             return
+        if self._work and not self._work.settle(self.counts['in'] + 1):
+            self.put_back(self._work.settings)
         self.counts['in'] += 1
         try:
             frame = messages.image_to_frame(image)
-            self._check_shape(frame)
+            work = self._work_for(frame)
         except Malformed as error:
             self.refuse(
                 f'image_raw: {error}; frame refused, answered empty', f'image_raw {error.reason}')
             self._publish([], image.header)
             return
-        self._memory, declared = self._tuned.step(self._memory, frame, self._rng)
-        self._publish(declared.estimates(), image.header)
+        self._publish(work.step(frame, self._rng).estimates(), image.header)
 
-    def _check_shape(self, frame: np.ndarray) -> None:
-        if self._shape is None:
-            self._start((frame.shape[0], frame.shape[1]))
-        elif frame.shape != self._shape:
+    def _work_for(self, frame: np.ndarray) -> LiveDetector:
+        """Return the detector at work, which the first frame starts."""
+        rows, cols = frame.shape
+        if self._work is None:
+            self._work = self._at_work((rows, cols))
+        elif self._work.shape != frame.shape:
             raise Malformed(
-                'change of size', f'frame of {frame.shape[1]} x {frame.shape[0]} cells after '
-                f'frames of {self._shape[1]} x {self._shape[0]}')
+                'change of size', f'frame of {cols} x {rows} cells after frames of '
+                f'{self._work.shape[1]} x {self._work.shape[0]}')
+        return self._work
 
     def _publish(self, estimates: list, header: Header) -> None:
         for item in estimates:
             if item.id:
                 self._odometry.publish(messages.estimate_to_odometry(item, header))
         self._array.publish(messages.estimates_to_array(
-            estimates, header, self.detector.sensor.cell_size_m))
+            estimates, header, self.live[0].sensor.cell_size_m))
         self.counts['out'] += 1
+
+    def destroy_node(self) -> None:
+        """End a calibration that is under way, and the node."""
+        if self._work:
+            self._work.close()
+        super().destroy_node()
 
 
 def entry_point(detector: str) -> Callable[[list[str] | None], None]:

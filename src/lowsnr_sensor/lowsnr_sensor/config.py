@@ -7,7 +7,8 @@ class is a group, and its values are named ``group.value``::
 
     @dataclass(frozen=True, kw_only=True)
     class SensorModel:
-        snr_db: float = setting(6.0, 'object SNR per cell and frame [dB]', ge=-20.0, le=60.0)
+        snr_db: float = setting(
+            6.0, 'object SNR per cell and frame [dB]', ge=-20.0, le=60.0, live=True)
 
         def __post_init__(self):
             check_settings(self)
@@ -20,21 +21,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from collections.abc import Mapping
-from dataclasses import dataclass
 from dataclasses import field
 from dataclasses import fields
 from dataclasses import is_dataclass
 from dataclasses import replace
 import difflib
-import math
 from typing import Any
-from typing import get_args
-from typing import get_origin
 from typing import get_type_hints
 from typing import TypeVar
 
+from lowsnr_sensor.declaration import Setting
+
 T = TypeVar('T')
 _KEY = 'setting'
+_FIXED = 'fixed'
 
 
 def setting(
@@ -46,6 +46,7 @@ def setting(
     le: float | None = None,
     lt: float | None = None,
     choices: Iterable[Any] | None = None,
+    live: bool = False,
 ) -> Any:
     """
     Declare one setting as a dataclass field.
@@ -60,62 +61,20 @@ def setting(
         Bounds; for a tuple they hold for every element.
     choices
         The values allowed, where they are few.
+    live
+        Whether it can change while a node runs, one that reckons with it.
 
     """
     allowed = None if choices is None else tuple(choices)
-    declared = {'doc': doc, 'ge': ge, 'gt': gt, 'le': le, 'lt': lt, 'choices': allowed}
+    declared = {
+        'doc': doc, 'ge': ge, 'gt': gt, 'le': le, 'lt': lt, 'choices': allowed, 'live': live}
     return field(default=default, metadata={_KEY: declared})
 
 
-@dataclass(frozen=True)
-class Setting:
-    """One declared setting: its name, type, default, documentation and bounds."""
-
-    name: str
-    kind: Any
-    default: Any
-    doc: str
-    ge: float | None
-    gt: float | None
-    le: float | None
-    lt: float | None
-    choices: tuple[Any, ...] | None
-
-    def allowed(self) -> str:
-        """Say in words what the setting accepts."""
-        if self.choices is not None:
-            return 'one of ' + ', '.join(map(repr, self.choices))
-        noun = _kind_name(self.kind)
-        if all(bound is None for bound in (self.ge, self.gt, self.le, self.lt)):
-            return f'a {noun}'
-        low = f'({"-inf" if self.gt is None else self.gt}' if self.ge is None else f'[{self.ge}'
-        high = f'{"inf" if self.lt is None else self.lt})' if self.le is None else f'{self.le}]'
-        return f'a {noun} in {low}, {high}'
-
-    def check(self, value: Any) -> Any:
-        """
-        Return the value as the setting's type.
-
-        Raises
-        ------
-        ValueError
-            If the value is of another type or out of bounds; says what is allowed.
-
-        """
-        converted = _convert(value, self.kind)
-        items = converted if isinstance(converted, tuple) else (converted,)
-        if converted is None or not all(self._holds(item) for item in items):
-            raise ValueError(f'{self.name} = {value!r}, must be {self.allowed()}')
-        return converted
-
-    def _holds(self, item: Any) -> bool:
-        return (
-            (self.choices is None or item in self.choices)
-            and (self.ge is None or item >= self.ge)
-            and (self.gt is None or item > self.gt)
-            and (self.le is None or item <= self.le)
-            and (self.lt is None or item < self.lt)
-        )
+def fixed(cls: type[T]) -> T:
+    """Declare a group of settings none of which can change while a node runs."""
+    made: T = field(default_factory=cls, metadata={_FIXED: True})
+    return made
 
 
 def check_settings(instance: Any) -> None:
@@ -139,9 +98,11 @@ def check_settings(instance: Any) -> None:
 def declared_settings(cls: type) -> dict[str, Setting]:
     """Return all settings of a class and of its groups by their full name."""
     found = {item.name: item for item in _own_settings(cls)}
+    is_fixed = {item.name for item in fields(cls) if _FIXED in item.metadata}
     for name, group in _groups(cls).items():
         for key, item in declared_settings(group).items():
-            found[f'{name}.{key}'] = replace(item, name=f'{name}.{key}')
+            full, live = f'{name}.{key}', item.live and name not in is_fixed
+            found[full] = replace(item, name=full, live=live)
     return found
 
 
@@ -175,6 +136,21 @@ def build_settings(cls: type[T], values: Mapping[str, Any]) -> T:
 
     """
     return _build(cls, check_values(cls, values))
+
+
+def changed(instance: T, values: Mapping[str, Any]) -> T:
+    """
+    Return an instance with those of some flat values that it declares; the rest stays.
+
+    Raises
+    ------
+    ValueError
+        For a bad value, by name, or values that do not go together.
+
+    """
+    flat = flat_values(instance)
+    own = {name: value for name, value in values.items() if name in flat}
+    return build_settings(type(instance), {**flat, **own})
 
 
 def flat_values(instance: Any) -> dict[str, Any]:
@@ -222,27 +198,6 @@ def _own_settings(cls: type) -> list[Setting]:
 def _groups(cls: type) -> dict[str, type]:
     kinds = get_type_hints(cls)
     return {item.name: kinds[item.name] for item in fields(cls) if is_dataclass(kinds[item.name])}
-
-
-def _convert(value: Any, kind: Any) -> Any:
-    """Return the value as ``kind``, or None where it is of another type."""
-    if get_origin(kind) is tuple:
-        if isinstance(value, str) or not isinstance(value, Iterable):
-            return None
-        items = tuple(_convert(item, get_args(kind)[0]) for item in value)
-        return None if any(item is None for item in items) else items
-    if kind is float:
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
-            return None
-        return float(value) if math.isfinite(value) else None
-    return value if type(value) is kind else None
-
-
-def _kind_name(kind: Any) -> str:
-    if get_origin(kind) is tuple:
-        return f'list of {_kind_name(get_args(kind)[0])}s'
-    names: dict[Any, str] = {float: 'number', int: 'whole number', str: 'text'}
-    return names.get(kind, 'truth value (true or false)')
 
 
 def _suggestion(name: str, declared: Iterable[str]) -> str:

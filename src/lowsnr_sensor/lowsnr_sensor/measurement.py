@@ -27,7 +27,8 @@ class SensorModel:
     """Noise, blur and sampling of the sensor, and the SNR that detectors are designed for."""
 
     snr_db: float = setting(
-        6.0, 'object SNR per cell and frame, 10 log10(I^2/sigma^2) [dB]', ge=-30.0, le=80.0)
+        6.0, 'object SNR per cell and frame, 10 log10(I^2/sigma^2) [dB]', ge=-30.0, le=80.0,
+        live=True)
     noise_std: float = setting(1.0, 'standard deviation sigma of the noise in a cell', gt=0.0)
     blur_m: float = setting(
         0.0, 'width Sigma of the point spread of eq. (2), 0 for none as in eq. (3) [m]',

@@ -63,9 +63,11 @@ class DetectionSettings:
 
     operating_point: str = setting(
         'matched', "'matched': threshold calibrated to false_alarm_prob; 'nominal': as the test "
-        "is designed; 'manual': the parameter threshold", choices=('matched', 'nominal', 'manual'))
+        "is designed; 'manual': the parameter threshold", choices=('matched', 'nominal', 'manual'),
+        live=True)
     false_alarm_prob: float = setting(
-        0.01, 'share of empty frames with any declaration, when matched', gt=0.0, lt=1.0)
+        0.01, 'share of empty frames with any declaration, when matched', gt=0.0, lt=1.0,
+        live=True)
     rows: int = setting(0, 'rows of a frame, 0 to take them from the first', ge=0, le=16384)
     cols: int = setting(0, 'columns of a frame, 0 to take them from the first', ge=0, le=16384)
 

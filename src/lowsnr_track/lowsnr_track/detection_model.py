@@ -22,20 +22,20 @@ class DetectionModel:
     """Probabilities of detection and of false detections."""
 
     probability: float = setting(
-        0.8, 'probability that an object is detected in a frame', gt=0.0, lt=1.0)
+        0.8, 'probability that an object is detected in a frame', gt=0.0, lt=1.0, live=True)
     gate_probability: float = setting(
         0.999, "probability that an object's detection falls into its track's gate",
-        gt=0.0, lt=1.0)
+        gt=0.0, lt=1.0, live=True)
     max_gated: int = setting(
         32, 'most detections weighed for a track, nearest first', ge=1, le=1000)
     clutter_density: float = setting(
-        2.5e-4, 'false detections a cell and frame', gt=0.0, le=1.0)
+        2.5e-4, 'false detections a cell and frame', gt=0.0, le=1.0, live=True)
     clutter_memory_frames: int = setting(
         50, 'frames over which the clutter density is estimated from detections that no track '
         'explains; 0 takes it as given', ge=0, le=1_000_000)
     echo_density: float = setting(
         0.01, 'further false detections a cell and frame next to a better one, within as many '
-        'cells as a detection rests on frames', ge=0.0, le=1.0)
+        'cells as a detection rests on frames', ge=0.0, le=1.0, live=True)
     use_scores: bool = setting(True, 'whether a better score makes a detection count more')
     score_limit: float = setting(
         10.0, 'log odds above which a score counts no more [nat]', gt=0.0, le=36.0)

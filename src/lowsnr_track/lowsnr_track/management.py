@@ -110,14 +110,15 @@ class TrackLife:
     """When tracks are confirmed, merged and deleted."""
 
     birth_density: float = setting(
-        2.5e-5, 'new objects a cell and frame', gt=0.0, le=1.0)
+        2.5e-5, 'new objects a cell and frame', gt=0.0, le=1.0, live=True)
     lifetime_s: float = setting(30.0, 'mean time that an object exists [s]', gt=0.0)
     confirm_probability: float = setting(
-        0.95, 'existence probability at which a track is confirmed', gt=0.0, lt=1.0)
+        0.95, 'existence probability at which a track is confirmed', gt=0.0, lt=1.0, live=True)
     release_probability: float = setting(
-        0.5, 'existence probability below which a confirmed track is no longer', gt=0.0, lt=1.0)
+        0.5, 'existence probability below which a confirmed track is no longer', gt=0.0, lt=1.0,
+        live=True)
     delete_probability: float = setting(
-        0.005, 'existence probability below which a track is deleted', gt=0.0, lt=1.0)
+        0.005, 'existence probability below which a track is deleted', gt=0.0, lt=1.0, live=True)
     merge_distance: float = setting(
         1.0, 'Mahalanobis distance up to which two tracks that share one existence are merged',
         ge=0.0)

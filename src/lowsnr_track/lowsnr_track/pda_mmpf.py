@@ -17,6 +17,7 @@ from dataclasses import field
 from dataclasses import replace
 
 from lowsnr_sensor.config import check_settings
+from lowsnr_sensor.config import fixed
 from lowsnr_sensor.config import setting
 from lowsnr_sensor.measurement import SensorModel
 from lowsnr_sensor.motion import MotionModes
@@ -72,7 +73,7 @@ class TrackerOutput:
 class PdaMmpf:
     """Probabilistic data association with a multiple-model particle filter for each track."""
 
-    sensor: SensorModel = field(default_factory=SensorModel)
+    sensor: SensorModel = fixed(SensorModel)
     motion: MotionModes = field(default_factory=MotionModes)
     detection: DetectionModel = field(default_factory=DetectionModel)
     life: TrackLife = field(default_factory=TrackLife)
@@ -107,6 +108,18 @@ class PdaMmpf:
         Their numbers are not given again, and what was learnt of the clutter stays.
         """
         return replace(state, stamp_s=None, tracks=no_tracks(self.particles))
+
+    def resume(self, state: TrackerState, before: PdaMmpf) -> TrackerState:
+        """
+        Return the memory of a tracker with other settings, to go on with these.
+
+        Tracks stay; a clutter density that is set anew takes the place of the estimate, which
+        goes on from there.
+        """
+        density = self.detection.clutter_density
+        if density == before.detection.clutter_density:
+            return state
+        return replace(state, clutter=density)
 
     def step(
         self, state: TrackerState, detections: Sequence[Estimate], stamp_s: float,

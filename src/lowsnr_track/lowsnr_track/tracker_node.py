@@ -27,7 +27,9 @@ class TrackerNode(ManagedNode):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('tracker', **kwargs)
-        self.tracker = declare(self, PdaMmpf)
+        self.tracker = declare(self, PdaMmpf, live=True)
+        self.live = (self.tracker,)
+        self._memory = self.tracker.init()
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Create publishers and subscription."""
@@ -46,6 +48,13 @@ class TrackerNode(ManagedNode):
         self.listen(
             Detection2DArray, 'detections', self._on_detections, reliable(depth))
         return TransitionCallbackReturn.SUCCESS
+
+    def on_set(self) -> None:
+        """Go on with the tracks that there are and the new settings."""
+        before, (self.tracker,) = self.tracker, self.live
+        self._memory = self.tracker.resume(self._memory, before)
+        self.get_logger().info(
+            f'in force from frame {self.counts["in"] + 1} on; all tracks are kept')
 
     def _on_detections(self, message: Detection2DArray) -> None:
         if not self.active or not self.is_new('detections', message.header.stamp):

@@ -31,7 +31,8 @@ class CDT:
         0.01, 'nominal probability that a cell of noise is declared', gt=0.0, lt=0.5)
     beta: float = setting(
         0.01, 'nominal probability that an object is missed', gt=0.0, lt=0.5)
-    threshold: float = setting(4.595, 'log-likelihood ratio above which a cell is declared [nat]')
+    threshold: float = setting(
+        4.595, 'log-likelihood ratio above which a cell is declared [nat]', live=True)
     thinning_reach: int = setting(
         0, 'cells on each side that a stronger declaration suppresses', ge=0, le=50)
     max_detections: int = setting(50, 'most declarations in a frame', ge=1, le=10_000)

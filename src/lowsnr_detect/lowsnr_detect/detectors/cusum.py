@@ -54,7 +54,7 @@ class CUSUM:
         0.01, 'nominal probability that a path of noise is declared', gt=0.0, lt=0.5)
     beta: float = setting(
         0.01, 'nominal probability that an object is missed', gt=0.0, lt=0.5)
-    threshold: float = setting(4.595, 'sum above which a path is declared [nat]')
+    threshold: float = setting(4.595, 'sum above which a path is declared [nat]', live=True)
     regions: int = setting(
         1, 'sub-regions of the frame that are worked on in parallel; the result is the same',
         ge=1, le=64)

@@ -84,7 +84,7 @@ class HMM:
     lag: int = setting(
         0, 'frames that an answer waits for; it is then about the frame so long ago', ge=0, le=20)
     threshold: float = setting(
-        0.0, 'log posterior odds of existence above which an object is declared [nat]')
+        0.0, 'log posterior odds of existence above which an object is declared [nat]', live=True)
 
     def __post_init__(self) -> None:
         check_settings(self)

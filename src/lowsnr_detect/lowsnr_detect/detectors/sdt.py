@@ -73,11 +73,12 @@ class SDT:
     beta: float = setting(
         1e-4, 'nominal probability that the path of an object is dropped', gt=0.0, lt=0.5)
     threshold: float = setting(
-        0.0, 'log-likelihood ratio of the truncated test at M = s_m, tau of eq. (8) [nat]')
+        0.0, 'log-likelihood ratio of the truncated test at M = s_m, tau of eq. (8) [nat]',
+        live=True)
     upper_threshold: float = setting(
         100.0, 'log-likelihood ratio th_2 that declares a path before M = s_m, never below '
         'threshold; at the same false-alarm rate early declarations cost detections, so it is '
-        'out of reach unless nominal [nat]')
+        'out of reach unless nominal [nat]', live=True)
     move_prior: bool = setting(
         False, 'whether the log probability of each move is added to the sum of a path; not in '
         'the paper')

@@ -70,7 +70,7 @@ class MMTBD1:
     existence: Existence = field(default_factory=Existence)
     particles: int = setting(4000, 'particles, with and without an object', ge=1, le=10_000_000)
     threshold: float = setting(
-        0.0, 'log posterior odds of existence above which an object is declared [nat]')
+        0.0, 'log posterior odds of existence above which an object is declared [nat]', live=True)
 
     def __post_init__(self) -> None:
         check_settings(self)

@@ -76,7 +76,7 @@ class MMTBD2:
     particles: int = setting(3000, 'particles of the continuing cloud', ge=1, le=10_000_000)
     birth_particles: int = setting(1000, 'particles of the birth cloud', ge=1, le=10_000_000)
     threshold: float = setting(
-        0.0, 'log posterior odds of existence above which an object is declared [nat]')
+        0.0, 'log posterior odds of existence above which an object is declared [nat]', live=True)
 
     def __post_init__(self) -> None:
         check_settings(self)

@@ -9,7 +9,9 @@ from typing import TypeVar
 
 from lowsnr_sensor.config import build_settings
 from lowsnr_sensor.config import declared_settings
-from lowsnr_sensor.config import Setting
+from lowsnr_sensor.declaration import Setting
+from rcl_interfaces.msg import FloatingPointRange
+from rcl_interfaces.msg import IntegerRange
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -26,9 +28,9 @@ _LISTS = {
 }
 
 
-def declare(node: Node, cls: type[T]) -> T:
+def declare(node: Node, cls: type[T], *, live: bool = False) -> T:
     """
-    Declare every setting of a class as a read-only parameter and build the instance.
+    Declare every setting of a class as a parameter and build the instance.
 
     Parameters
     ----------
@@ -36,6 +38,9 @@ def declare(node: Node, cls: type[T]) -> T:
         The node that gets the parameters.
     cls
         Settings class; ``group.value`` becomes the parameter of that name.
+    live
+        Whether the node takes live settings while it runs (:mod:`lowsnr_sensor.ros.live`); all
+        others are read-only.
 
     Raises
     ------
@@ -43,14 +48,38 @@ def declare(node: Node, cls: type[T]) -> T:
         If a value given to the node is of another type or out of bounds, by name.
 
     """
-    values = {name: _declare_one(node, item) for name, item in declared_settings(cls).items()}
-    return build_settings(cls, values)
+    declared = declared_settings(cls)
+    values = {
+        name: _declare_one(node, item, _descriptor(item, live)) for name, item in declared.items()}
+    built = build_settings(cls, values)
+    for name, item in declared.items():
+        if item.live and live:
+            # Only now: a range has the middleware refuse a value given at the start in its words.
+            node.set_descriptor(name, _with_range(_descriptor(item, live), item))
+    return built
 
 
-def _declare_one(node: Node, item: Setting) -> Any:
-    descriptor = ParameterDescriptor(
-        description=item.doc, additional_constraints=item.allowed(), read_only=True,
-        dynamic_typing=True)
+def _descriptor(item: Setting, live: bool) -> ParameterDescriptor:
+    # Dynamic, so that a whole number is taken for a number.
+    return ParameterDescriptor(
+        description=item.doc, additional_constraints=item.allowed(), dynamic_typing=True,
+        read_only=not (item.live and live))
+
+
+def _with_range(descriptor: ParameterDescriptor, item: Setting) -> ParameterDescriptor:
+    """Add the range that sliders show, where there is one; it has no open ends."""
+    low = item.gt if item.ge is None else item.ge
+    high = item.lt if item.le is None else item.le
+    if low is not None and high is not None:
+        if item.kind is float:
+            descriptor.floating_point_range = [
+                FloatingPointRange(from_value=float(low), to_value=float(high))]
+        else:
+            descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high))]
+    return descriptor
+
+
+def _declare_one(node: Node, item: Setting, descriptor: ParameterDescriptor) -> Any:
     default = list(item.default) if isinstance(item.default, tuple) else item.default
     if isinstance(default, list):
         default = Parameter(item.name, _LISTS[get_args(item.kind)[0]], default).value

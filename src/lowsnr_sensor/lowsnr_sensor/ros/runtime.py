@@ -18,6 +18,7 @@ from lowsnr_sensor.ros.connections import missing_peer
 from lowsnr_sensor.ros.connections import output_faults
 from lowsnr_sensor.ros.diagnostics import Health
 from lowsnr_sensor.ros.inputs import Input
+from lowsnr_sensor.ros.live import SettingsNode
 from lowsnr_sensor.ros.messages import stamp_key
 from lowsnr_sensor.ros.params import declare
 from lowsnr_sensor.timeline import Timeline
@@ -27,7 +28,6 @@ from rclpy.clock import Clock
 from rclpy.clock import ClockType
 from rclpy.executors import ExternalShutdownException
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.lifecycle import LifecycleNode
 from rclpy.lifecycle import LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.qos import QoSProfile
@@ -39,7 +39,7 @@ _PEERS_WITHIN_S, _THROTTLE_S = 20.0, 5.0
 FAILED, USAGE_ERROR, TERMINATED = 1, 2, 128 + signal.SIGTERM
 
 
-class ManagedNode(LifecycleNode):
+class ManagedNode(SettingsNode):
     """
     A lifecycle node that counts what it does and says it in ``/diagnostics``.
 
