@@ -15,6 +15,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.msg import KeyValue
+from lowsnr_sensor.memory import keep_freed_memory
 from lowsnr_sensor.node_settings import NodeSettings
 from lowsnr_sensor.parent import follow_parent
 from lowsnr_sensor.ros.messages import stamp_key
@@ -163,6 +164,7 @@ def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> 
     A setting out of its bounds ends the process with status 2 and one line.
     """
     follow_parent()
+    keep_freed_memory()
     rclpy.init(args=args)
     node = None
     try:
