@@ -122,6 +122,11 @@ def stepping(detector: Any, side: int, kind: type = np.float32) -> Work:
     return work
 
 
+def hmm(order: int, side: int) -> Work:
+    """Return the work of the grid filter's next frame."""
+    return stepping(HMM(order=order, threshold=NEVER), side)
+
+
 def copy(planes: int, side: int, kind: type = np.float32) -> Work:
     """Return the work of copying planes."""
     source = np.ones((planes, side, side), dtype=kind)
@@ -238,7 +243,7 @@ def cases() -> list[Case]:
                  lambda side=side: (stepping(CUSUM(threshold=NEVER), side), copy(2, side)),
                  cells, 'cell'),
             Case('HMM order 0', size, 'NumPy',
-                 lambda side=side: (stepping(HMM(order=0, threshold=NEVER), side), numpy_hmm(0, side)),
+                 lambda side=side: (hmm(0, side), numpy_hmm(0, side)),
                  cells, 'cell', goal_ns=5.0 if side == 1024 else None)]
     return [*found, *_other_cases()]
 
@@ -249,10 +254,10 @@ def _other_cases() -> list[Case]:
              lambda: (stepping(SDT(threshold=NEVER, max_iterations=6), 20), enumeration(6, 20)),
              6 * 400, 'cell and plane', 1e-4, faster=True),
         *(Case('HMM order 2', f'{side} x {side}', 'NumPy',
-               lambda side=side: (stepping(HMM(order=2, threshold=NEVER), side), numpy_hmm(2, side)),
+               lambda side=side: (hmm(2, side), numpy_hmm(2, side)),
                side**2, 'cell', goal_ns=1000.0) for side in (20, 256)),
         Case('HMM order 2', '1024 x 1024', 'copy of 81 float64 planes',
-             lambda: (stepping(HMM(order=2, threshold=NEVER), 1024), copy(81, 1024, np.float64)),
+             lambda: (hmm(2, 1024), copy(81, 1024, np.float64)),
              1024**2, 'cell', goal_ns=1000.0)]
     found += [
         Case(f'SDT s_m={depths}', '256 x 256', f'copy of {depths} float32 planes',

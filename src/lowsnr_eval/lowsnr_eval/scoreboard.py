@@ -23,6 +23,7 @@ from lowsnr_eval.scoring import FrameScore
 from lowsnr_sensor.records import Truth
 import numpy as np
 
+_SAMPLED = 10_000
 LEVELS = ('detection', 'tracking')
 _NEED_TRUTH = (
     'frames_with_object', 'frames_without_object', 'objects_present', 'hits', 'frames_false',
@@ -47,7 +48,7 @@ class Scoreboard:
         self.frames = 0
         self.unanswered = 0
         self._tallies = {name: {level: _Tally() for level in LEVELS} for name in detectors}
-        self._latencies_ms = {name: (array('d'), array('d')) for name in detectors}
+        self._latencies_ms = {name: (Sample(), Sample()) for name in detectors}
 
     def score_frame(
         self, frame: int, stamp_s: float, truth: Sequence[Truth] | None,
@@ -80,7 +81,7 @@ class Scoreboard:
             for times, each in zip(
                     self._latencies_ms[name], (answer.latency_ms, answer.detection_ms)):
                 if each is not None:
-                    times.append(each)
+                    times.add(each)
             for level, estimates in zip(LEVELS, (answer.detections, answer.tracks)):
                 outcome = None
                 if estimates is not None:
@@ -95,10 +96,38 @@ class Scoreboard:
         """Return the figures of every chain so far; None for those that do not exist."""
         return {
             name: {level: tally.figures() for level, tally in tallies.items()}
-            | {key: _percentiles(times) for key, times in zip(
+            | {key: times.percentiles() for key, times in zip(
                 ('latency_ms', 'detection_latency_ms'), self._latencies_ms[name])}
             for name, tallies in self._tallies.items()
         }
+
+
+class Sample:
+    """
+    Values of a run of any length, evenly spread over it, for their quantiles.
+
+    All are held up to 10,000, and every second, fourth, eighth ... afterwards, at least 5,000:
+    the median is then a value of rank 48.6 to 51.4 %, and what is given for 99 % one of 98.7 to
+    99.3 % (95 %).
+    """
+
+    def __init__(self) -> None:
+        self._values, self._count, self._step = array('d'), 0, 1
+
+    def add(self, value: float) -> None:
+        """Take a value."""
+        if self._count % self._step == 0:
+            self._values.append(value)
+        self._count += 1
+        if len(self._values) > _SAMPLED:
+            self._values, self._step = self._values[::2], 2 * self._step
+
+    def percentiles(self) -> dict[str, float | None]:
+        """Return median and 99 % quantile; None where there is no value."""
+        if not self._values:
+            return {'median': None, 'p99': None}
+        median, p99 = np.percentile(self._values, (50.0, 99.0))
+        return {'median': float(median), 'p99': float(p99)}
 
 
 class _Tally:
@@ -166,10 +195,3 @@ class _Tally:
             **counts,
             'hits_with_velocity': self._velocity.count,
         }
-
-
-def _percentiles(latencies_ms: array[float]) -> dict[str, float | None]:
-    if not latencies_ms:
-        return {'median': None, 'p99': None}
-    median, p99 = np.percentile(latencies_ms, (50.0, 99.0))
-    return {'median': float(median), 'p99': float(p99)}
