@@ -138,7 +138,7 @@ def test_nothing_is_compiled_after_the_rehearsal(rng, name, kind, monkeypatch):
 
 
 @pytest.mark.parametrize(('detector', 'planes', 'size'), [
-    (SDT(threshold=50.0), 5, 4), (CUSUM(threshold=50.0), 1, 4), (HMM(order=0), 1, 8),
+    (SDT(threshold=50.0), 4, 4), (CUSUM(threshold=50.0), 1, 4), (HMM(order=0), 1, 8),
     (HMM(order=1), 9, 8)])
 def test_detector_holds_at_most_three_times_its_planes(rng, detector, planes, size):
     frames = rng.standard_normal((3, 200, 200))

@@ -39,9 +39,15 @@ def move_and_weigh(
             for past in range(kept):
                 for move in range(count):
                     source = row - moves[move, 0]
-                    if 0 <= source < weight.shape[1]:
+                    if not 0 <= source < weight.shape[1]:
+                        pass
+                    elif dropped == 1 and favour.size == 0:
+                        _shift(
+                            belief[0, past, run, source], kernel[past, move, 0], moves[move, 1],
+                            moved)
+                    else:
                         _spread(belief, kernel, favour, past, move, run, source, spread)
-                        _shift(spread, moves[move, 1], moved)
+                        _shift(spread, 1.0, moves[move, 1], moved)
                     history = past * count + move
                     if len(after) == 1:
                         history = 0
@@ -70,12 +76,12 @@ def _spread(
 
 
 @compiled
-def _shift(spread: np.ndarray, step: int, moved: np.ndarray) -> None:
-    """Add a row, moved by so many columns."""
+def _shift(spread: np.ndarray, prob: float, step: int, moved: np.ndarray) -> None:
+    """Add a row times a probability, moved by so many columns."""
     size = len(moved) - abs(step)
     here, into = spread[max(-step, 0):], moved[max(step, 0):]
     for col in range(size):
-        into[col] += here[col]
+        into[col] += prob * here[col]
 
 
 @compiled

@@ -138,18 +138,21 @@ def cell_moments(
         Covariance; within a cell the position is uniform and independent of the velocity.
 
     """
-    count, cols = model.history.size, belief.shape[-1]
+    count, (rows, cols) = model.history.size, belief.shape[-2:]
     joint = np.moveaxis(belief.reshape(count, *belief.shape[2:]), 0, -3)
-    joint = joint.reshape(*joint.shape[:-2], -1)
-    position = cell_size_m * np.stack(
-        np.divmod(np.arange(joint.shape[-1]), cols)[::-1], axis=-1)
+    x, y = cell_size_m * np.arange(cols), cell_size_m * np.arange(rows)
     velocity = model.velocity.reshape(count, 2)
-    by_cell, by_history, between = joint.sum(axis=-2), joint.sum(axis=-1), joint @ position
-    mean = np.concatenate([by_cell @ position, by_history @ velocity], axis=-1)
+    by_cell, by_col, by_row = joint.sum(axis=-3), joint.sum(axis=-2), joint.sum(axis=-1)
+    by_history = by_row.sum(axis=-1)
+    between = np.stack([by_col @ x, by_row @ y], axis=-1)
+    mean = np.concatenate([between.sum(axis=-2), by_history @ velocity], axis=-1)
     cross = between.swapaxes(-1, -2) @ velocity
     squares = velocity[:, :, None] * velocity[:, None, :] + model.velocity_cov.reshape(-1, 2, 2)
+    product = (by_cell @ x) @ y
+    places = np.stack([
+        by_col.sum(axis=-2) @ x**2, product, product, by_row.sum(axis=-2) @ y**2], axis=-1)
     second = np.block([
-        [np.einsum('...c,ci,cj->...ij', by_cell, position, position), cross],
+        [places.reshape(*product.shape, 2, 2), cross],
         [cross.swapaxes(-1, -2), np.einsum('...h,hij->...ij', by_history, squares)]])
     cov = second - mean[..., :, None] * mean[..., None, :]
     cov[..., :2, :2] += cell_size_m**2 / 12.0 * np.eye(2)

@@ -21,48 +21,58 @@ _NONE, _ALL = np.float32(-np.inf), np.float32(np.inf)
 @compiled
 def extend_paths(
     state: np.ndarray, frame: np.ndarray, factor: float, offset: float, start: np.ndarray,
-    radius: int, unused: bool, lower: np.float32, upper: np.float32, first: int, last: int,
-    paths: np.ndarray,
+    radius: int, unused: bool, bounds: tuple[float, float, float], first: int, last: int,
+    paths: np.ndarray, decided: np.ndarray, peak: np.ndarray,
 ) -> None:
     """
-    Extend paths (D - 1, B, rows, cols) by a frame (B, rows, cols) into (D, B, rows, cols).
+    Extend paths (D - 1, B, rows, cols) by a frame (B, rows, cols) into as many.
 
     The best within ``radius`` gains ``factor * frame - offset``; a new path gains ``start``
     (rows, cols) too, where that is not empty, and starts where ``unused`` by others, or anywhere.
-    A path ends at ``lower``, and above ``upper``, when it goes into the last plane.
+    A path ends at the first of the ``bounds``; above the second, or with D frames, it is up for
+    decision.  Of these ``peak`` (B, rows) is given the best of each row, and ``decided``
+    (B, rows, cols) that of each cell, in no other rows than hold one above the third bound.
     """
-    depths, runs, rows, cols = paths.shape
+    depths, cols, size = len(state), frame.shape[2], min(BLOCK, last - first)
+    lower, upper, threshold = np.float32(bounds[0]), np.float32(bounds[1]), np.float32(bounds[2])
     wide = np.full(cols + 2 * radius, _NONE, dtype=np.float32)
-    ratio = np.empty((BLOCK, cols), dtype=np.float32)
-    fresh = np.empty_like(ratio)
-    for run in range(runs):
-        decided = paths[depths - 1, run]
+    around = np.empty(cols, dtype=np.float32)
+    ratio = np.empty((size, cols), dtype=np.float32)
+    best = np.empty_like(ratio)
+    fresh = np.empty_like(ratio) if unused or start.size > 0 else ratio
+    for run in range(len(frame)):
         for block in range(first, last, BLOCK):
             stop = min(block + BLOCK, last)
-            _begin(frame[run], block, stop, factor, offset, start, ratio, fresh)
-            # The last plane takes what the others give up, and so comes first.
-            low, high = _NONE, _ALL
+            _begin(frame[run], block, stop, factor, offset, ratio)
+            if unused or start.size > 0:
+                fresh[:] = ratio
+            if start.size > 0:
+                fresh[:stop - block] += start[block:stop]
+            # The longest come first: the others give up to them.
+            if depths > 0:
+                _extend(
+                    state[depths - 1, run], ratio, block, stop, radius, unused, _NONE, _ALL, wide,
+                    around, best, best, fresh)
             for depth in range(depths - 1, 0, -1):
                 _extend(
-                    state[depth - 1, run], ratio, block, stop, radius, unused, low, high, wide,
-                    paths[depth, run], decided, fresh)
-                low, high = lower, upper
-            _bound(fresh, block, stop, low, high, paths[0, run], decided)
+                    state[depth - 1, run], ratio, block, stop, radius, unused, lower, upper, wide,
+                    around, paths[depth, run, block:stop], best, fresh)
+            if depths > 0:
+                _bound(fresh, lower, upper, paths[0, run, block:stop], best)
+            _decide(
+                best if depths > 0 else fresh, threshold, around, decided[run, block:stop],
+                peak[run, block:stop])
 
 
 @compiled
 def _begin(
-    frame: np.ndarray, first: int, stop: int, factor: float, offset: float, start: np.ndarray,
-    ratios: np.ndarray, fresh: np.ndarray,
+    frame: np.ndarray, first: int, stop: int, factor: float, offset: float, ratios: np.ndarray,
 ) -> None:
-    """Write the log ratios of the cells, and the sums of paths that start there."""
+    """Write the log ratios of the cells."""
     for row in range(first, stop):
-        cell, ratio, new = frame[row], ratios[row - first], fresh[row - first]
+        cell, ratio = frame[row], ratios[row - first]
         for col in range(len(cell)):
             ratio[col] = np.float32(cell[col]) * factor - offset
-            new[col] = ratio[col]
-        if start.size > 0:
-            new += start[row]
 
 
 @compiled
@@ -77,32 +87,32 @@ def _use(left: np.ndarray, tall: np.ndarray, right: np.ndarray, fresh: np.ndarra
 @compiled
 def _extend(
     plane: np.ndarray, ratios: np.ndarray, first: int, stop: int, radius: int, unused: bool,
-    lower: float, upper: float, wide: np.ndarray, out: np.ndarray, decided: np.ndarray,
-    fresh: np.ndarray,
+    lower: float, upper: float, wide: np.ndarray, around: np.ndarray, out: np.ndarray,
+    decided: np.ndarray, fresh: np.ndarray,
 ) -> None:
     """Extend the best paths around each cell; ``wide`` has margins of -inf."""
     rows, cols = plane.shape
-    tall, around = wide[radius:radius + cols], np.empty(cols, dtype=np.float32)
+    tall = wide[radius:radius + cols]
+    left, right = wide[:cols], wide[2 * radius:2 * radius + cols]
     for row in range(first, stop):
         top, bottom = max(row - radius, 0), min(row + radius, rows - 1)
         here, above, below = plane[row], plane[top], plane[bottom]
         for col in range(cols):
             most = above[col] if above[col] > below[col] else below[col]
             tall[col] = here[col] if here[col] > most else most
-        left, right = wide[:cols], wide[2 * radius:2 * radius + cols]
         if radius > 1:
             _widen(plane, top + 1, bottom, tall)
             left = right = _beside(wide, radius, around)
         if unused:
             _use(left, tall, right, fresh[row - first])
-        early, ratio, new = 0, ratios[row - first], out[row]
+        early, ratio, new = 0, ratios[row - first], out[row - first]
         for col in range(cols):
             most = left[col] if left[col] > right[col] else right[col]
             value = (tall[col] if tall[col] > most else most) + ratio[col]
             early += value > upper
             new[col] = value if value > lower else _NONE
         if early:
-            _give_up(new, upper, decided[row])
+            _give_up(new, upper, decided[row - first])
 
 
 @compiled
@@ -127,12 +137,11 @@ def _beside(wide: np.ndarray, radius: int, most: np.ndarray) -> np.ndarray:
 
 @compiled
 def _bound(
-    fresh: np.ndarray, first: int, stop: int, lower: float, upper: float, out: np.ndarray,
-    decided: np.ndarray,
+    fresh: np.ndarray, lower: float, upper: float, out: np.ndarray, decided: np.ndarray,
 ) -> None:
     """Write the sums that are above ``lower``."""
-    for row in range(first, stop):
-        early, value, new = 0, fresh[row - first], out[row]
+    for row in range(len(out)):
+        early, value, new = 0, fresh[row], out[row]
         for col in range(len(new)):
             early += value[col] > upper
             new[col] = value[col] if value[col] > lower else _NONE
@@ -147,6 +156,34 @@ def _give_up(new: np.ndarray, upper: float, decided: np.ndarray) -> None:
         if new[col] > upper:
             decided[col] = max(new[col], decided[col])
             new[col] = _NONE
+
+
+@compiled
+def _decide(
+    best: np.ndarray, threshold: float, scratch: np.ndarray, decided: np.ndarray,
+    peak: np.ndarray,
+) -> None:
+    """Write the largest of each row, and the rows with one above the threshold."""
+    for row in range(len(decided)):
+        here = best[row]
+        peak[row] = _largest(here, scratch)
+        if peak[row] > threshold:
+            decided[row] = here
+
+
+@compiled
+def _largest(row: np.ndarray, scratch: np.ndarray) -> float:
+    """Return the largest of a row, which is folded in halves: compilers do not reorder it."""
+    size = (len(row) + 1) // 2
+    scratch[:size] = row[:size]
+    other = row[size:]
+    while True:
+        for col in range(len(other)):
+            scratch[col] = other[col] if other[col] > scratch[col] else scratch[col]
+        if size == 1:
+            return scratch[0]
+        half = (size + 1) // 2
+        other, size = scratch[half:size], half
 
 
 @compiled

@@ -8,6 +8,7 @@ depend on M while those of eq. (5) on L_M do not.  The detectors therefore add l
 
 from __future__ import annotations
 
+import functools
 import math
 
 from lowsnr_sensor.measurement import SensorModel
@@ -78,15 +79,21 @@ def ratio_terms(
         ``float32(plane) * factor - offset`` is the ratio [nat].
 
     """
-    if sensor.blur_m > 0.0:
-        plane, factor, offset = sensor.log_likelihood_ratio(frame), 1.0, 0.0
-    else:
-        plane, factor = frame, sensor.intensity / sensor.noise_std**2
-        offset = factor * sensor.intensity / 2.0
+    plane = sensor.log_likelihood_ratio(frame) if sensor.blur_m > 0.0 else frame
     planes = np.ascontiguousarray(plane).reshape(-1, *frame.shape[-2:])
-    return planes, np.float32(factor), np.float32(offset)
+    return planes, *_scale(sensor)
 
 
+@functools.lru_cache(maxsize=64)
+def _scale(sensor: SensorModel) -> tuple[np.float32, np.float32]:
+    """Return factor and offset of the log-likelihood ratio."""
+    if sensor.blur_m > 0.0:
+        return np.float32(1.0), np.float32(0.0)
+    factor = sensor.intensity / sensor.noise_std**2
+    return np.float32(factor), np.float32(factor * sensor.intensity / 2.0)
+
+
+@functools.lru_cache(maxsize=256)
 def floor32(bound: float) -> np.float32:
     """Return the largest float32 that is not above a bound: ``>`` says of both the same."""
     most = float(np.finfo(np.float32).max)

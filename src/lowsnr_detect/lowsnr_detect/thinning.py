@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 
 from lowsnr_detect.detector import Declarations
@@ -51,7 +52,7 @@ def declare_cells(
 
 def declare_above(
     plane: np.ndarray, threshold: float, *, reach: int, most: int, cell_size_m: float,
-    position_std_m: float,
+    position_std_m: float, row_peaks: np.ndarray | None = None,
 ) -> Declarations:
     """
     Declare the cells of a plane above a threshold, thinned as by :func:`declare_cells`.
@@ -64,15 +65,36 @@ def declare_above(
         What it is compared with [nat].
     reach, most, cell_size_m, position_std_m
         As for :func:`declare_cells`.
+    row_peaks : (..., rows) ndarray of float32, optional
+        Largest of each row, where that is known; no other rows of the plane are then looked at
+        than those where it is above the threshold.
 
     """
-    peak = plane.max(axis=(-2, -1)).astype(float)
-    crossed = np.empty(0, dtype=np.intp)
-    if np.any(peak > threshold):
-        crossed = np.flatnonzero(plane > floor32(threshold))
-    excess = plane.ravel()[crossed].astype(float) - threshold
+    if row_peaks is None:
+        row_peaks = plane.max(axis=-1)
+    peak = np.maximum.reduce(row_peaks, axis=-1, dtype=float)
+    if not np.count_nonzero(peak > threshold):
+        return Declarations(peak, *_empty_slots(plane.shape[:-2], most))
+    bound = floor32(threshold)
+    rows = np.flatnonzero(row_peaks > bound)
+    found = plane.reshape(-1, plane.shape[-1])[rows]
+    row, col = np.nonzero(found > bound)
     return _thinned(
-        crossed, excess, plane.shape, peak, reach, most, cell_size_m, position_std_m)
+        rows[row] * plane.shape[-1] + col, found[row, col].astype(float) - threshold, plane.shape,
+        peak, reach, most, cell_size_m, position_std_m)
+
+
+@functools.lru_cache(maxsize=8)
+def _empty_slots(
+    batch: tuple[int, ...], most: int,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return score, state and covariance of no declarations, which all frames may share."""
+    slots = (
+        np.zeros((*batch, most)), np.full((*batch, most, 4), np.nan),
+        np.full((*batch, most, 4, 4), np.nan))
+    for each in slots:
+        each.setflags(write=False)
+    return slots
 
 
 def _thinned(

@@ -27,6 +27,7 @@ from sensor_msgs.msg import Image
 from vision_msgs.msg import Detection2DArray
 
 _SUMMARY_EVERY_S = 1.0
+_CHECKPOINT_EVERY = 5  # summaries
 
 
 class EvaluatorNode(ManagedNode):
@@ -43,6 +44,7 @@ class EvaluatorNode(ManagedNode):
             self.run, self.evaluation, self.settings.seed, self.refuse,
             resumed=self.settings.lives > 0)
         depth = reliable(self.settings.queue_depth)
+        self._rounds = 0
         self._scored = self.create_publisher(DiagnosticArray, 'scored', depth)
         self.outputs = {self._scored: self.settings.consumers}
         for topic in self._judge.topics:
@@ -98,7 +100,8 @@ class EvaluatorNode(ManagedNode):
         self._score()
 
     def _settle(self) -> None:
-        trouble = self._judge.settle()
+        self._rounds += 1
+        trouble = self._judge.settle(self._rounds % _CHECKPOINT_EVERY == 0)
         self.broken = trouble and f'{trouble}; scores are kept until they can be written'
 
     def _score(self, older_than_s: float = -float('inf')) -> None:

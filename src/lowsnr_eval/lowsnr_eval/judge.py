@@ -119,12 +119,17 @@ class Judge:
             elif name == 'tracker' and space in ('', chain):
                 self._assembly.expect_no_more(topics[1:], before_s)
 
-    def settle(self) -> str:
-        """Have all on disk that was scored, and the summary; say what is wrong with that."""
+    def settle(self, checkpoint: bool = True) -> str:
+        """
+        Have all on disk that was scored, and the summary; say what is wrong with that.
+
+        With a ``checkpoint`` a restart has less to read again.
+        """
         trouble = self._writer.settle()
         try:
             self.write_summary()
-            self._writer.write_checkpoint({'board': self._board.state()})
+            if checkpoint:
+                self._writer.write_checkpoint({'board': self._board.state()})
         except OSError as error:
             trouble = trouble or f'{self._run.results}: {error.strerror}'
         return trouble

@@ -8,7 +8,6 @@ time the figures of all frames so far.
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Mapping
 from collections.abc import Sequence
 from typing import Any
@@ -16,6 +15,7 @@ from typing import Any
 from lowsnr_eval.metrics import ratio
 from lowsnr_eval.metrics import RootMeanSquare
 from lowsnr_eval.metrics import wilson_interval
+from lowsnr_eval.sample import Sample
 from lowsnr_eval.scoring import Answer
 from lowsnr_eval.scoring import compare
 from lowsnr_eval.scoring import Evaluation
@@ -49,7 +49,7 @@ class Scoreboard:
         self.unanswered = 0
         self.stamp_s = 0.0
         self._tallies = {name: {level: _Tally() for level in LEVELS} for name in detectors}
-        self._latencies_ms = {name: (array('d'), array('d')) for name in detectors}
+        self._latencies_ms = {name: (Sample(), Sample()) for name in detectors}
 
     def score_frame(
         self, frame: int, stamp_s: float, truth: Sequence[Truth] | None,
@@ -101,7 +101,7 @@ class Scoreboard:
         for times, each in zip(
                 self._latencies_ms[detector], (answer.latency_ms, answer.detection_ms)):
             if each is not None:
-                times.append(each)
+                times.add(each)
 
     def state(self) -> dict[str, Any]:
         """Return all that was counted, as JSON has it."""
@@ -109,7 +109,7 @@ class Scoreboard:
             'frames': self.frames, 'unanswered': self.unanswered, 'stamp_s': self.stamp_s,
             'tallies': {name: {level: tally.state() for level, tally in tallies.items()}
                         for name, tallies in self._tallies.items()},
-            'latencies_ms': {name: [list(times) for times in pair]
+            'latencies_ms': {name: [times.state() for times in pair]
                              for name, pair in self._latencies_ms.items()}}
 
     def restore(self, state: Mapping[str, Any]) -> None:
@@ -122,14 +122,14 @@ class Scoreboard:
         self.frames, self.unanswered = state['frames'], state['unanswered']
         self.stamp_s = state['stamp_s']
         self._latencies_ms = {
-            name: (array('d', pair[0]), array('d', pair[1]))
+            name: (Sample.of(pair[0]), Sample.of(pair[1]))
             for name, pair in state['latencies_ms'].items()}
 
     def figures(self) -> dict[str, dict[str, Any]]:
         """Return the figures of every chain so far; None for those that do not exist."""
         return {
             name: {level: tally.figures() for level, tally in tallies.items()}
-            | {key: _percentiles(times) for key, times in zip(
+            | {key: times.percentiles() for key, times in zip(
                 ('latency_ms', 'detection_latency_ms'), self._latencies_ms[name])}
             for name, tallies in self._tallies.items()
         }
@@ -219,10 +219,3 @@ class _Tally:
             **counts,
             'hits_with_velocity': self._velocity.count,
         }
-
-
-def _percentiles(latencies_ms: array[float]) -> dict[str, float | None]:
-    if not latencies_ms:
-        return {'median': None, 'p99': None}
-    median, p99 = np.percentile(latencies_ms, (50.0, 99.0))
-    return {'median': float(median), 'p99': float(p99)}

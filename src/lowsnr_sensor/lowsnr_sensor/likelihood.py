@@ -7,6 +7,9 @@ from lowsnr_sensor.kernels import cell_ratio
 from lowsnr_sensor.measurement import SensorModel
 import numpy as np
 
+# Rows that are worked on one step after the other, so that they stay near.
+_BLOCK = 32
+
 
 def state_log_ratio(
     sensor: SensorModel, frame: np.ndarray, states: np.ndarray,
@@ -43,3 +46,41 @@ def state_log_ratio(
         ratio = blurred_ratio(frames, clouds, size, sensor.blur_reach, sensor.blur_m, peak)
         ratio /= 2.0 * variance
     return ratio.reshape(states.shape[:-1])
+
+
+def relative_likelihood(
+    sensor: SensorModel, frame: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Likelihood ratio of each cell, over that of the likeliest.
+
+    Parameters
+    ----------
+    sensor
+        Noise, blur and intensity.
+    frame : (..., rows, cols) ndarray
+        Cell intensities; leading axes are Monte Carlo runs.
+
+    Returns
+    -------
+    (..., rows, cols) ndarray
+        Ratios, at most 1.
+    (...,) ndarray
+        Log of the largest before [nat].
+
+    """
+    if sensor.blur_m > 0.0:
+        ratio = sensor.log_likelihood_ratio(frame)
+        peak = ratio.max(axis=(-2, -1))
+        ratio -= peak[..., None, None]
+        return np.exp(ratio, out=ratio), peak
+    brightest = frame.max(axis=(-2, -1))
+    slope, above = sensor.intensity / sensor.noise_std**2, brightest[..., None, None]
+    weight = np.empty(frame.shape)
+    for first in range(0, frame.shape[-2], _BLOCK):
+        rows = slice(first, first + _BLOCK)
+        part = weight[..., rows, :]
+        np.subtract(frame[..., rows, :], above, out=part, dtype=float)
+        part *= slope
+        np.exp(part, out=part)
+    return weight, np.asarray(sensor.log_likelihood_ratio(brightest))

@@ -31,6 +31,7 @@ from lowsnr_detect.registry import register
 from lowsnr_sensor.config import check_settings
 from lowsnr_sensor.config import setting
 from lowsnr_sensor.destination import Destination
+from lowsnr_sensor.likelihood import relative_likelihood
 from lowsnr_sensor.measurement import SensorModel
 from lowsnr_sensor.motion import MotionModes
 import numpy as np
@@ -46,21 +47,32 @@ class Belief:
 
     Parameters
     ----------
-    given : (dropped, kept, ..., rows, cols) ndarray
-        Probability of history and cell, given that there is an object.
+    weights : (dropped, kept, ..., rows, cols) ndarray
+        How likely history and cell are, given that there is an object; with sum ``mass``.
+    mass : (...,) ndarray
+        What the weights sum up to.
     log_odds : (...,) ndarray
         Log odds of existence [nat].
-    ratio : (..., rows, cols) ndarray
-        Log-likelihood ratio of the frame [nat].
+    likelihood : (..., rows, cols) ndarray
+        Likelihood ratio of the frame, over its largest.
+    peak : (...,) ndarray
+        Log of the largest [nat].
     frame
         Number of the frame, from 1.
 
     """
 
-    given: np.ndarray
+    weights: np.ndarray
+    mass: np.ndarray
     log_odds: np.ndarray
-    ratio: np.ndarray
+    likelihood: np.ndarray
+    peak: np.ndarray
     frame: int
+
+    @property
+    def given(self) -> np.ndarray:
+        """Probability of history and cell, (dropped, kept, ..., rows, cols)."""
+        return self.weights / _plane(self.mass)
 
 
 @register('hmm')
@@ -117,33 +129,30 @@ class HMM:
 
         """
         model = move_model(self.motion, self.sensor, self.order)
-        ratio = self.sensor.log_likelihood_ratio(frame)
-        state = (*state[-self.lag or len(state):], self._filtered(model, state, ratio))
-        log_odds, given = self._smoothed(model, state)
+        state = (*state[-self.lag or len(state):], self._filtered(model, state, frame))
+        log_odds, weights, mass = self._smoothed(model, state)
         if len(state) <= self.lag:
             log_odds = np.full_like(log_odds, -np.inf)
         return state, declare_posterior(
-            log_odds, self.threshold,
-            lambda found: cell_moments(given[:, :, found], model, self.sensor.cell_size_m))
+            log_odds, self.threshold, lambda found: cell_moments(
+                weights[:, :, found] / _plane(mass[found]), model, self.sensor.cell_size_m))
 
     def _filtered(
-        self, model: MoveModel, state: tuple[Belief, ...], ratio: np.ndarray,
+        self, model: MoveModel, state: tuple[Belief, ...], frame: np.ndarray,
     ) -> Belief:
-        """Predict and weigh, keeping the belief normalised and its mass in the log odds."""
+        """Predict and weigh, with the mass of the belief in the log odds."""
         last = state[-1] if state else None
         born, stays, absent = self.existence.predict(last.log_odds if last else None)
-        peak = ratio.max(axis=(-2, -1))
-        weight = ratio - _plane(peak)
-        np.exp(weight, out=weight)
+        likelihood, peak = relative_likelihood(self.sensor, frame)
         number = last.frame + 1 if last else 1
         if last is None:
-            given = self._born(model, number, ratio.shape) * (_plane(born) * weight)
-            mass = total(given)
+            weights = self._born(model, number, frame.shape) * (_plane(born) * likelihood)
+            mass = total(weights)
         else:
-            given, inside, mass = self._moved(model, number, last.given, weight, stays, born)
+            weights, inside, mass = self._moved(model, last, likelihood, stays, born)
             absent = absent + stays * (1.0 - inside)
-        given *= _plane(1.0 / mass)
-        return Belief(given, np.log(mass) + peak - np.log(absent), ratio, number)
+        log_odds = np.log(mass) + peak - np.log(absent)
+        return Belief(weights, mass, log_odds, likelihood, peak, number)
 
     def _born(self, model: MoveModel, number: int, shape: tuple[int, ...]) -> np.ndarray:
         """Return where an object appears in a frame."""
@@ -156,38 +165,41 @@ class HMM:
         ), len(shape) - 2)
 
     def _moved(
-        self, model: MoveModel, number: int, belief: np.ndarray, weight: np.ndarray,
-        stays: np.ndarray, born: np.ndarray,
+        self, model: MoveModel, last: Belief, likelihood: np.ndarray, stays: np.ndarray,
+        born: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the belief moved on, with births and weighed, what is left inside, the sum."""
+        number, share = last.frame + 1, 1.0 / last.mass
         if not self.destination.is_ahead(number):
-            return move_and_weigh(model, belief, weight, stays, born, regions=self.regions)
-        rows, cols = belief.shape[-2:]
+            moved, inside, mass = move_and_weigh(
+                model, last.weights, likelihood, stays * share, born, regions=self.regions)
+            return moved, inside * share, mass
+        rows, cols = likelihood.shape[-2:]
         favour, mean = favoured_moves(
             self.destination, self.motion, self.sensor, self.order, number, (rows, cols))
-        belief = belief / over_runs(mean, belief.ndim - 4)
-        given, inside, _ = move_and_weigh(
-            model, belief, weight, stays, np.zeros_like(born), favour, self.regions)
-        given += self._born(model, number, weight.shape) * (_plane(born) * weight)
-        return given, inside, total(given)
+        belief = last.given / over_runs(mean, last.weights.ndim - 4)
+        moved, inside, _ = move_and_weigh(
+            model, belief, likelihood, stays, np.zeros_like(born), favour, self.regions)
+        moved += self._born(model, number, likelihood.shape) * (_plane(born) * likelihood)
+        return moved, inside, total(moved)
 
     def _smoothed(
         self, model: MoveModel, state: tuple[Belief, ...],
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return log odds and belief of the oldest frame, given all up to the newest."""
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return log odds, belief and its sum of the oldest frame, given all to the newest."""
         then = state[0]
         if len(state) == 1:
-            return then.log_odds, then.given
+            return then.log_odds, then.weights, then.mass
         # Likelihood of the later frames, relative to that without an object in this one.
-        ahead = np.ones_like(then.given)
-        chain, anywhere = self.existence, born_belief(model, then.ratio.shape)
-        inside = np.ones((*model.history.shape, *then.ratio.shape[-2:]))
+        ahead = np.ones_like(then.weights)
+        chain, anywhere = self.existence, born_belief(model, then.likelihood.shape)
+        inside = np.ones((*model.history.shape, *then.likelihood.shape[-2:]))
         lives_on = 1.0 - chain.death_prob
         gone = 1.0 - lives_on * expect_belief(model, inside)
         gone = gone.reshape(*model.history.shape, *[1] * then.log_odds.ndim, *inside.shape[-2:])
         for later in state[:0:-1]:
-            peak = np.maximum(later.ratio.max(axis=(-2, -1)), 0.0)
-            value = ahead * np.exp(later.ratio - _plane(peak))
+            peak = np.maximum(later.peak, 0.0)
+            value = ahead * later.likelihood * _plane(np.exp(later.peak - peak))
             nothing = np.exp(-peak)
             appears = total(anywhere * value)
             empty = (1.0 - chain.birth_prob) * nothing + chain.birth_prob * appears
@@ -195,7 +207,7 @@ class HMM:
             ahead = np.maximum(ahead / _plane(empty), _IMPOSSIBLE)
         given = then.given * ahead
         mass = total(given)
-        return then.log_odds + np.log(mass), given / _plane(mass)
+        return then.log_odds + np.log(mass), given, mass
 
 
 def _plane(value: np.ndarray) -> np.ndarray:

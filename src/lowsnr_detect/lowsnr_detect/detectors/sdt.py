@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from dataclasses import field
 from dataclasses import replace
+import functools
 import math
 from typing import ClassVar
 
@@ -33,6 +34,9 @@ from lowsnr_sensor.destination import Destination
 from lowsnr_sensor.measurement import SensorModel
 from lowsnr_sensor.motion import MotionModes
 import numpy as np
+
+_KIND = np.dtype(np.float32)
+_NO_FAVOUR = np.empty((0, 0), _KIND)
 
 
 @dataclass(frozen=True)
@@ -131,40 +135,42 @@ class SDT:
         """
         number = state.frame + 1
         start, moves = self._log_favour(number, frame.shape)
-        paths = self._extended(state.log_ratio, frame, start, moves)
+        paths, decided, peaks = self._extended(state.log_ratio, frame, start, moves)
         declared = declare_above(
-            paths[-1], self.threshold, reach=self._reach, most=self.max_detections,
-            cell_size_m=self.sensor.cell_size_m, position_std_m=self._position_std_m)
-        return Paths(paths[:-1], number), declared
+            decided, self.threshold, reach=self._reach, most=self.max_detections,
+            cell_size_m=self.sensor.cell_size_m, position_std_m=self._position_std_m,
+            row_peaks=peaks)
+        return Paths(paths, number), declared
 
     def _log_favour(
         self, number: int, shape: tuple[int, ...],
     ) -> tuple[np.ndarray, np.ndarray | None]:
         """Return what starts (rows, cols) and moves into a frame add, for a destination."""
         if not self.destination.is_ahead(number):
-            return np.empty((0, 0)), None
+            return _NO_FAVOUR, None
         rows, cols = shape[-2:]
         known = self.destination, self.motion, self.sensor, 0, number, (rows, cols)
         moves, mean = favoured_moves(*known)
-        return np.log(favoured_cells(*known)[0, 0]), np.log(moves[0] / mean[0, 0])
+        start = np.log(favoured_cells(*known)[0, 0])
+        return start.astype(_KIND), np.log(moves[0] / mean[0, 0])
 
     def _extended(
         self, state: np.ndarray, frame: np.ndarray, start: np.ndarray, moves: np.ndarray | None,
-    ) -> np.ndarray:
-        """Return the open paths by depth and, last, the best of those up for decision."""
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the open paths, the best of those up for decision, and the best of each row."""
         plane, factor, offset = ratio_terms(self.sensor, frame)
+        rows = plane.shape[1]
         before = self._moved(state, moves).reshape(-1, *plane.shape)
-        bounds = (
-            floor32(wald_bounds(self.alpha, self.beta)[0]),
-            floor32(max(self.upper_threshold, self.threshold)))
-        radius = 0 if self.move_prior else self.radius
-        paths = np.empty((self.max_iterations, *plane.shape), dtype=np.float32)
+        paths, decided = np.empty(before.shape, _KIND), np.empty(plane.shape, _KIND)
+        peaks = np.empty(plane.shape[:2], _KIND)
+        radius, unused = 0 if self.move_prior else self.radius, self.restart == 'unused'
         in_bands(
             lambda first, last: extend_paths(
-                before, plane, factor, offset, start.astype(np.float32), radius,
-                self.restart == 'unused', *bounds, first, last, paths),
-            plane.shape[-2], self.regions)
-        return paths.reshape(self.max_iterations, *frame.shape)
+                before, plane, factor, offset, start, radius, unused, self._bounds, first, last,
+                paths, decided, peaks),
+            rows, self.regions)
+        return (paths.reshape(state.shape), decided.reshape(frame.shape),
+                peaks.reshape(frame.shape[:-1]))
 
     def _moved(self, state: np.ndarray, moves: np.ndarray | None) -> np.ndarray:
         """Return the best open path that may move into each cell, where moves differ."""
@@ -177,7 +183,15 @@ class SDT:
             log_prob = log_prob[:, None, None] + moves[near]
         return best_vicinity(state, model.moves[near], log_prob, self.regions)
 
-    @property
+    @functools.cached_property
+    def _bounds(self) -> tuple[float, float, float]:
+        """Lower and upper bound and threshold, as float32 compares with them [nat]."""
+        lower, upper = wald_bounds(self.alpha, self.beta)[0], self.upper_threshold
+        return (
+            float(floor32(lower)), float(floor32(max(upper, self.threshold))),
+            float(floor32(self.threshold)))
+
+    @functools.cached_property
     def _reach(self) -> int:
         """Cells that neighbouring paths of one object cross together (DESIGN: 7x7, 5x5)."""
         if self.thinning_reach >= 0:
@@ -185,6 +199,6 @@ class SDT:
         return self.sensor.blur_reach + math.ceil(
             self.radius * min(self.max_iterations - 1, 3 if self.max_iterations > 5 else 2))
 
-    @property
+    @functools.cached_property
     def _position_std_m(self) -> float:
         return self.sensor.cell_size_m * math.sqrt(1.0 / 12.0 + 0.4 * (self.max_iterations > 1))

@@ -12,6 +12,7 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
+from lowsnr_sensor.memory import keep_freed_memory
 from lowsnr_sensor.node_settings import NodeSettings
 from lowsnr_sensor.parent import follow_parent
 from lowsnr_sensor.ros.connections import missing_peer
@@ -216,6 +217,7 @@ def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> 
     status 143, a node that cannot become active with 1.
     """
     follow_parent()
+    keep_freed_memory()
     rclpy.init(args=args)
     node = None
     try:
