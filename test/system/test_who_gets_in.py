@@ -3,6 +3,7 @@
 import json
 import os
 from pathlib import Path
+import signal
 import subprocess
 import sys
 import time
@@ -18,41 +19,48 @@ TWO_HOSTS = Path(__file__).with_name('two_hosts.py')
 NEW_NETWORK = ['unshare', '--map-root-user', '--net']
 
 
-def reached(results, **environment):
+def reached(results, listens_s, **environment):
     """Return what of a graph reached others; ``environment`` is all that is said of discovery."""
     if subprocess.run([*NEW_NETWORK, 'ip', 'link'], capture_output=True, check=False).returncode:
         pytest.skip('needs to make network namespaces, which this machine does not permit')
     plain = {key: value for key, value in os.environ.items() if key not in (
         'ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_STATIC_PEERS', 'ROS_LOCALHOST_ONLY')}
-    done = subprocess.run(
-        [*NEW_NETWORK, sys.executable, str(TWO_HOSTS), str(results)],
+    hosts = subprocess.Popen(
+        [*NEW_NETWORK, sys.executable, str(TWO_HOSTS), str(results), str(listens_s)],
         env=plain | {'ROS_DOMAIN_ID': str(own_domain()), 'PYTHONPATH': os.pathsep.join(sys.path),
                      **environment},
-        capture_output=True, text=True, timeout=300.0, check=False)
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        out, err = hosts.communicate(timeout=900.0)
+    finally:
+        if hosts.poll() is None:
+            hosts.send_signal(signal.SIGINT)  # it ends what it started
+            hosts.wait(60.0)
+    assert hosts.returncode == 0, err
+    return json.loads(out)
 
 
 def test_nobody_on_another_host_hears_or_is_heard(tmp_path):
-    assert reached(tmp_path / 'run') == {'datagrams': 0, 'neighbour': 1, 'stranger': 0}
+    assert reached(tmp_path / 'run', 15.0) == {'datagrams': 0, 'neighbour': 1, 'stranger': 0}
 
 
 def test_the_subnet_hears_when_asked_for(tmp_path):
-    found = reached(tmp_path / 'run', ROS_AUTOMATIC_DISCOVERY_RANGE='SUBNET')
+    found = reached(tmp_path / 'run', 120.0, ROS_AUTOMATIC_DISCOVERY_RANGE='SUBNET')
     assert found.pop('datagrams') > 0
     assert found == {'neighbour': 1, 'stranger': 1}
 
 
 def test_named_peers_are_let_in(tmp_path):
-    found = reached(tmp_path / 'run', ROS_STATIC_PEERS='10.65.0.2')
+    found = reached(tmp_path / 'run', 120.0, ROS_STATIC_PEERS='10.65.0.2')
     assert found.pop('datagrams') > 0
     assert found == {'neighbour': 1, 'stranger': 1}
 
 
 def test_sockets_that_hear_are_bound_to_this_host(bringup):
-    run = bringup('--detector', 'cdt', '--loop', '--rate', '50')
-    run.wait_for_rows(20)
-    first = 7400 + 250 * own_domain()  # of the ports of a domain
+    domain = own_domain() // 2  # its ports lie below those that sockets for sending get
+    run = bringup('--detector', 'cdt', '--loop', '--rate', '50', '--domain-id', str(domain))
+    run.wait_for_rows(20, 120.0)
+    first = 7400 + 250 * domain
     for pid in [run.process.pid, *run.nodes().values()]:
         bound = {(item.laddr.ip, item.laddr.port)
                  for item in psutil.Process(pid).net_connections('udp4')}

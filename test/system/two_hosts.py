@@ -1,10 +1,10 @@
 """
 A graph on one host and strangers on another: two network namespaces with a wire between them.
 
-Started in a namespace of its own (``unshare --net``) with the results folder and the domain, it
-starts ``bringup.py`` there and prints, as JSON, what reached others: datagrams before anybody
-spoke to the graph, and frames heard by a stranger that names the graph's host and by a neighbour
-on the same host.
+Started in a namespace of its own (``unshare --net``) with the results folder and how long a
+stranger listens [s], it starts ``bringup.py`` there and prints, as JSON, what reached others:
+datagrams before anybody spoke to the graph, and whether a frame was heard by a stranger that
+names the graph's host, and by a neighbour on the same host.
 """
 
 from contextlib import contextmanager
@@ -19,7 +19,7 @@ from graph_runs import BRINGUP
 from graph_runs import GraphRun
 
 HOST, OTHER = '10.65.0.1', '10.65.0.2'
-LISTENS_S = 10.0
+PATIENCE_S = 120.0
 
 
 @contextmanager
@@ -56,8 +56,8 @@ def datagrams(enter):
     return int(values[names.index('InReceives')])
 
 
-def listen():
-    """Print how many frames come, and end after the first or when the time is over."""
+def listen(seconds):
+    """Print whether a frame comes within this time."""
     import rclpy
     from rclpy.qos import qos_profile_sensor_data
     from sensor_msgs.msg import Image
@@ -65,22 +65,22 @@ def listen():
     rclpy.init()
     node, heard = rclpy.create_node('listener'), []
     node.create_subscription(Image, 'image_raw', heard.append, qos_profile_sensor_data)
-    until = time.monotonic() + LISTENS_S
+    until = time.monotonic() + seconds
     while time.monotonic() < until and not heard:
         rclpy.spin_once(node, timeout_sec=0.1)
-    print(len(heard))
+    print(min(1, len(heard)))
 
 
-def heard(enter, **environment):
-    """Return how many frames a listener hears that looks beyond its host."""
+def heard(seconds, enter='', **environment):
+    """Return 1 if a listener that looks beyond its host hears a frame, 0 if not."""
     wide = {**os.environ, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET', **environment}
     done = subprocess.run(
-        [*enter.split(), sys.executable, __file__], env=wide, stdout=subprocess.PIPE, check=True,
-        timeout=120.0)
+        [*enter.split(), sys.executable, __file__, str(seconds)], env=wide,
+        stdout=subprocess.PIPE, check=True, timeout=seconds + PATIENCE_S)
     return int(done.stdout)
 
 
-def main(results):
+def main(results, listens_s):
     """Run the graph until all have listened."""
     with other_host() as enter:
         run = GraphRun(subprocess.Popen(
@@ -88,14 +88,14 @@ def main(results):
              '--rate', '50'],
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True), Path(results))
         try:
-            run.wait_for_rows(200)
+            run.wait_for_rows(200, PATIENCE_S)
             said = datagrams(enter)
             print(json.dumps({
-                'datagrams': said, 'neighbour': heard(''),
-                'stranger': heard(enter, ROS_STATIC_PEERS=HOST)}))
+                'datagrams': said, 'neighbour': heard(PATIENCE_S),
+                'stranger': heard(float(listens_s), enter, ROS_STATIC_PEERS=HOST)}))
         finally:
             run.end()
 
 
 if __name__ == '__main__':
-    main(*sys.argv[1:]) if sys.argv[1:] else listen()
+    main(*sys.argv[1:]) if sys.argv[2:] else listen(float(sys.argv[1]))
