@@ -14,7 +14,7 @@ import pytest
 
 PERIOD_S = 0.04
 # Settings in seconds that are not about motion: the wall clock and the cadence itself.
-OTHERS = {'answer_within_s', 'frame_period_s'}
+OTHERS = {'answer_within_s', 'frame_period_s', 'patience_s', 'silence_s'}
 
 
 def test_every_setting_with_a_time_in_its_unit_is_known():
