@@ -14,7 +14,7 @@ from lowsnr_track.management import TrackLife
 from lowsnr_track.management import Tracks
 from lowsnr_track.mmpf import uniform_cloud
 from lowsnr_track.pda_mmpf import PdaMmpf
-from lowsnr_track.pda_mmpf import TrackerState
+from lowsnr_track.tracker_state import TrackerState
 import numpy as np
 from track import oracles
 

@@ -54,6 +54,7 @@ def parse_arguments(arguments: list[str]) -> argparse.Namespace:
     add_what_to_run(parser)
     add_what_to_replay(parser)
     add_how_to_run(parser)
+    add_who_takes_part(parser)
     return parser.parse_args(arguments)
 
 
@@ -97,7 +98,7 @@ def add_what_to_replay(parser: argparse.ArgumentParser) -> None:
 
 
 def add_how_to_run(parser: argparse.ArgumentParser) -> None:
-    """Add the options that say how fast, how long and where."""
+    """Add the options that say how fast, how long, and what is kept."""
     pace = parser.add_mutually_exclusive_group()
     pace.add_argument(
         '--rate', type=number(0.0, above=True), metavar='HZ',
@@ -122,6 +123,10 @@ def add_how_to_run(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--results', type=Path, metavar='DIR',
         help='folder for results (default: results/SCENARIO-DETECTORS, or that with a number)')
+
+
+def add_who_takes_part(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say who hears the nodes."""
     parser.add_argument(
         '--domain-id', type=number(0, whole=True), metavar='N',
         help='ROS domain (default: ROS_DOMAIN_ID, or 0)')

@@ -10,7 +10,6 @@ confirmation and deletion.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import field
@@ -33,40 +32,11 @@ from lowsnr_track.management import Tracks
 from lowsnr_track.measurements import FARTHEST_M
 from lowsnr_track.measurements import Measurements
 from lowsnr_track.measurements import screen
+from lowsnr_track.tracker_state import TrackerOutput
+from lowsnr_track.tracker_state import TrackerState
 import numpy as np
 
 _CERTAIN = 1.0 - 1e-12
-
-
-@dataclass(frozen=True)
-class TrackerState:
-    """
-    Memory between frames.
-
-    ``stamp_s`` is the time of the last frame, None before the first [s]; ``frames`` their
-    number; ``next_id`` the next track's number; ``clutter`` the density of false detections
-    [1/cell].
-    """
-
-    stamp_s: float | None
-    frames: int
-    next_id: int
-    clutter: float
-    tracks: Tracks
-
-
-@dataclass(frozen=True)
-class TrackerOutput:
-    """
-    The answer to one frame.
-
-    ``confirmed`` and ``tentative`` hold a whole state each, with the existence probability as
-    score; ``refused`` counts detections that could not be used, by reason.
-    """
-
-    confirmed: list[Estimate]
-    tentative: list[Estimate]
-    refused: Mapping[str, int]
 
 
 @dataclass(frozen=True, kw_only=True)
