@@ -2,15 +2,16 @@
 
 import argparse
 import json
-import math
 import os
 from pathlib import Path
 import shlex
 import sys
-from typing import Any
-from typing import NoReturn
 from typing import TYPE_CHECKING
 
+from _arguments import INTERRUPTED
+from _arguments import number
+from _arguments import Parser
+from _arguments import USAGE
 import _environment
 
 if TYPE_CHECKING:
@@ -18,30 +19,6 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'config'
-USAGE, INTERRUPTED = 2, 130
-
-
-class Parser(argparse.ArgumentParser):
-    """A parser that says what is wrong in one line."""
-
-    def error(self, message: str) -> NoReturn:
-        """Print the message alone and end with the status of a usage error."""
-        self.exit(USAGE, f'{self.prog}: {message}\n')
-
-
-def number(least: float, *, whole: bool = False, above: bool = False) -> Any:
-    """Return an argparse type for finite numbers from ``least`` on, or above it."""
-    def convert(text: str) -> float:
-        kind = 'a whole number' if whole else 'a number'
-        try:
-            value = int(text) if whole else float(text)
-        except ValueError:
-            raise argparse.ArgumentTypeError(f'{text!r} is not {kind}') from None
-        if not math.isfinite(value) or value < least or (above and value == least):
-            bound = f'above {least:g}' if above else f'of at least {least:g}'
-            raise argparse.ArgumentTypeError(f'{text!r} is not {kind} {bound}')
-        return value
-    return convert
 
 
 def parse_arguments(arguments: list[str]) -> argparse.Namespace:

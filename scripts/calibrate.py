@@ -4,12 +4,12 @@ import argparse
 import sys
 from typing import Any
 
+from _arguments import INTERRUPTED
+from _arguments import number
+from _arguments import Parser
+from _arguments import USAGE
 import _environment
 from bringup import CONFIG
-from bringup import INTERRUPTED
-from bringup import number
-from bringup import Parser
-from bringup import USAGE
 
 COLUMNS = (
     'detector', 'SNR dB', 'cells', 'P_FA', 'threshold nat', '95 % interval', 'measured', 'frames')

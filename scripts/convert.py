@@ -8,11 +8,11 @@ import shutil
 import sys
 from typing import TYPE_CHECKING
 
+from _arguments import INTERRUPTED
+from _arguments import number
+from _arguments import Parser
+from _arguments import USAGE
 import _environment
-from bringup import INTERRUPTED
-from bringup import number
-from bringup import Parser
-from bringup import USAGE
 
 if TYPE_CHECKING:
     from lowsnr_eval.bags.image_files import Recording

@@ -6,9 +6,11 @@ import json
 from pathlib import Path
 import shlex
 import sys
-from typing import NoReturn
 from typing import TYPE_CHECKING
 
+from _arguments import INTERRUPTED
+from _arguments import Parser
+from _arguments import USAGE
 import _environment
 
 if TYPE_CHECKING:
@@ -16,15 +18,7 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'config'
-DONE, USAGE, INTERRUPTED = 0, 2, 130
-
-
-class Parser(argparse.ArgumentParser):
-    """A parser that says what is wrong in one line."""
-
-    def error(self, message: str) -> NoReturn:
-        """Print the message alone and end with the status of a usage error."""
-        self.exit(USAGE, f'{self.prog}: {message}\n')
+DONE = 0
 
 
 def parse_arguments(arguments: list[str]) -> argparse.Namespace:

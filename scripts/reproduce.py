@@ -6,21 +6,15 @@ from pathlib import Path
 import shlex
 import sys
 from typing import Any
-from typing import NoReturn
 
+from _arguments import INTERRUPTED
+from _arguments import Parser
+from _arguments import USAGE
 import _environment
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'config'
-DONE, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
-
-
-class Parser(argparse.ArgumentParser):
-    """A parser that says what is wrong in one line."""
-
-    def error(self, message: str) -> NoReturn:
-        """Print the message alone and end with the status of a usage error."""
-        self.exit(USAGE, f'{self.prog}: {message}\n')
+DONE, FAILED = 0, 1
 
 
 def parse_arguments(arguments: list[str]) -> argparse.Namespace:

@@ -129,3 +129,19 @@ def test_false_alarm_rate_set_on_a_running_detector_is_the_one_of_its_frames(
     code, _, err = run.finish(within_s=30.0)
     assert (code, 'Traceback' in err) == (130, False)
     assert run.summary()['frames']['unanswered'] == 0
+
+
+def test_a_detector_started_again_has_what_was_set_while_it_ran(bringup, operator):
+    run = bringup('--detector', 'cdt', '--scenario', 'empty', '--loop', '--lockstep')
+    run.wait_for_rows(20)
+    assert operator.set(DETECTOR, 'operating_point', 'manual') == (True, '')
+    assert operator.set(DETECTOR, 'threshold', -50.0) == (True, '')
+    operator.wait(lambda: operator.declared and operator.declared[max(operator.declared)])
+    run.kill('detector_node')
+    run.wait_for_restarts(1)
+    back = max(operator.declared) + 1
+    operator.wait(lambda: max(operator.declared) > back + 50)
+    # Below all noise: every frame declares.
+    assert all(operator.declared[number] for number in operator.declared if number >= back)
+    run.process.send_signal(signal.SIGINT)
+    assert run.finish()[0] == 130

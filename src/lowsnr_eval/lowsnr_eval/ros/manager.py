@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable
 from collections.abc import Iterable
 import time
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -18,9 +19,12 @@ from lowsnr_eval.graph import Node as GraphNode
 from lowsnr_eval.ros.transition import PendingTransition
 from lowsnr_sensor.ros.messages import stamp_key
 from lowsnr_sensor.ros.runtime import reliable
+from rcl_interfaces.msg import ParameterEvent
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
+from rclpy.qos import qos_profile_parameter_events
 from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 
@@ -76,6 +80,9 @@ class Manager:
         self._active: dict[str, str] = {}
         self._node.create_subscription(
             DiagnosticArray, '/diagnostics', self._on_diagnostics, reliable(100))
+        self.changed: dict[str, dict[str, Any]] = {}  # parameters set while it ran, by node
+        self._node.create_subscription(
+            ParameterEvent, '/parameter_events', self._on_parameters, qos_profile_parameter_events)
         self._restarts = self._node.create_publisher(DiagnosticArray, 'restarts', reliable(100))
 
     def close(self) -> None:
@@ -145,6 +152,11 @@ class Manager:
         stamp = stamp_key(message.clock)
         self.published += stamp != self.newest_ns
         self.newest_ns = stamp
+
+    def _on_parameters(self, event: ParameterEvent) -> None:
+        self.changed.setdefault(event.node, {}).update(
+            {item.name: parameter_value_to_python(item.value)
+             for item in event.changed_parameters})
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:

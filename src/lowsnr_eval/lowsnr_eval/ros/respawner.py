@@ -104,7 +104,9 @@ class Respawner:
             if not path.exists():
                 path.parent.mkdir(parents=True, exist_ok=True)
                 path.write_text(text, encoding='utf-8')
-        own: dict[str, object] = {'autostart': True, 'lives': self._deaths[node].count}
+        own: dict[str, object] = {
+            **self.manager.changed.get(node.path, {}),
+            'autostart': True, 'lives': self._deaths[node].count}
         if node.source:
             own['resume_after_ns'] = self.manager.newest_ns
         return self.group.start(node, next(iter(self.files)), own)
