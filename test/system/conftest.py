@@ -2,7 +2,10 @@
 
 from graph_runs import own_domain
 from graph_runs import start_bringup
+from intruder import INJECTED
+from intruder import Intruder
 from lowsnr_sensor.ros.runtime import reliable
+from machine import Machine
 from nav_msgs.msg import Odometry
 import pytest
 import rclpy
@@ -33,6 +36,30 @@ def bringup(tmp_path):
     yield start
     for run in runs:
         run.end()
+
+
+@pytest.fixture
+def intruder(monkeypatch):
+    """Return a stranger on the domain of the test's graph."""
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    with Intruder(own_domain()) as stranger:
+        yield stranger
+
+
+@pytest.fixture
+def machine(monkeypatch, tmp_path, require_program):
+    """Return the machine of the graphs that the test starts, of which much can be broken."""
+    broken = Machine(tmp_path, require_program('cc'))
+    for name, value in broken.environment.items():
+        monkeypatch.setenv(name, value)
+    return broken
+
+
+def pytest_terminal_summary(terminalreporter):
+    """Say how many faults the tests injected."""
+    if INJECTED:
+        terminalreporter.write_line(
+            f'{sum(INJECTED.values())} faults injected, of {len(INJECTED)} kinds')
 
 
 @pytest.fixture

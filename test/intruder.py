@@ -1,0 +1,112 @@
+"""A stranger on the domain of a graph: says what it likes, and hears what the nodes report."""
+
+from collections import Counter
+from functools import partial
+import time
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
+from lowsnr_sensor.ros.messages import stamp_key
+from lowsnr_sensor.ros.runtime import reliable
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import Image
+from vision_msgs.msg import Detection2DArray
+
+FUTURE_S = 2**30
+HEARD = {
+    '/image_raw': Image, '/ground_truth': Detection2DArray, '/detections': Detection2DArray,
+    '/tracks': Detection2DArray}
+# Faults that the tests of this session injected, by kind.
+INJECTED = Counter()
+
+
+class Intruder:
+    """A node in a context of its own; use it in ``with``."""
+
+    def __init__(self, domain_id, name='intruder'):
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, domain_id=domain_id,
+                   signal_handler_options=SignalHandlerOptions.NO)
+        self.node = Node(name, context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._publishers = {}
+        self.reports = {}
+        self._newest = {}  # stamp by topic [ns]
+        self._sent = 0
+        self.node.create_subscription(
+            DiagnosticArray, '/diagnostics', self._on_diagnostics, reliable(1000))
+        for topic, kind in HEARD.items():
+            self.node.create_subscription(
+                kind, topic, partial(self._on_message, topic), reliable(1000))
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self._context.try_shutdown()
+
+    def _on_diagnostics(self, message):
+        for status in message.status:
+            self.reports.setdefault(status.name, []).append(status)
+
+    def _on_message(self, topic, message):
+        # Its own lie between those of the graph, which are at whole seconds.
+        if message.header.stamp.nanosec == 0 and message.header.stamp.sec < FUTURE_S:
+            self._newest[topic] = max(
+                self._newest.get(topic, 0), stamp_key(message.header.stamp))
+
+    def spin(self, seconds):
+        """Hear what comes for a while."""
+        until = time.monotonic() + seconds
+        while (left := until - time.monotonic()) > 0.0:
+            self._executor.spin_once(timeout_sec=left)
+
+    def wait(self, condition, within_s=60.0):
+        """Hear what comes until a condition holds; return what it returned."""
+        until = time.monotonic() + within_s
+        while not (found := condition()):
+            assert time.monotonic() < until, 'the condition did not come true'
+            self._executor.spin_once(timeout_sec=0.05)
+        return found
+
+    def connect(self, kind, topic, readers=1):
+        """Publish a topic, and wait for its readers."""
+        publisher = self.node.create_publisher(kind, topic, reliable(1000))
+        self._publishers[topic] = publisher
+        self.wait(lambda: publisher.get_subscription_count() >= readers)
+
+    def leave(self, topic):
+        """Publish a topic no more."""
+        self.node.destroy_publisher(self._publishers.pop(topic))
+
+    def send(self, topic, message, fault):
+        """Send a message, or bytes, that are a fault."""
+        self._publishers[topic].publish(message)
+        INJECTED[fault] += 1
+
+    def next_stamp(self, topic):
+        """Return a stamp between those of a topic's newest and next, later than the last."""
+        self._sent += 1
+        newest = self._newest.get(topic.removesuffix('/odometry'), 0)
+        seconds, nanoseconds = divmod(newest + 500_000_000 + self._sent, 1_000_000_000)
+        return Time(sec=seconds, nanosec=nanoseconds)
+
+    def newest_s(self, topic):
+        """Return the stamp of the newest message of the graph on a topic [s]."""
+        return self._newest.get(topic, 0) // 1_000_000_000
+
+    def counts(self, node):
+        """Return the newest values of a node's status by key."""
+        reports = self.reports.get(node, [])
+        return {item.key: item.value for status in reports[-1:] for item in status.values}
+
+    def told(self, node, *words):
+        """Return the statuses of a node whose message has all of these words."""
+        return [status for status in self.reports.get(node, [])
+                if all(word in status.message for word in words)]

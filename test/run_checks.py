@@ -1,0 +1,46 @@
+"""What every run must hold that went through faults."""
+
+from intruder import FUTURE_S
+
+
+def check_end(run, code):
+    """Check how a run ended, that nothing is left of it, and that no node broke."""
+    status, out, err = run.finish()
+    assert status == code, err
+    run.wait_until_none_is_left()
+    texts = [out, err, *(path.read_text() for path in (run.results / 'log').iterdir())]
+    assert not [text for text in texts if 'Traceback' in text]
+    return out
+
+
+def check_frames(run, loose=3):
+    """
+    Check that every frame of the source is scored, and all but so many are answered.
+
+    The stamps of the source are whole seconds.  A loop that is ended leaves frames on their way.
+    """
+    rows = [row.split(',') for row in run.rows()]
+    answered = {}
+    for row in rows:
+        if float(row[1]).is_integer():
+            answered[int(float(row[1]))] = answered.get(int(float(row[1])), True) and bool(row[5])
+    assert sorted(answered) == list(range(1, len(answered) + 1))
+    frames = run.summary()['frames']
+    assert frames['published'] == frames['scored'] + frames['unanswered'] + frames['unseen']
+    assert frames['published'] >= len(answered)
+    silent = [stamp for stamp, said in answered.items() if not said]
+    assert len(silent) <= loose, silent
+    return len(answered)
+
+
+def wait_for_all_scored(run, intruder):
+    """Wait until the evaluator has scored what the source has published by now."""
+    newest = intruder.newest_s('/image_raw')
+    intruder.wait(lambda: run.rows() and float(run.rows()[-1].split(',')[1]) > newest)
+
+
+def first_answer_after(run, stamp_s):
+    """Return the number of the first line with an answer of the tracks to a frame after a time."""
+    rows = [row.split(',') for row in run.rows()]
+    return next((n for n, row in enumerate(rows, start=1) if float(row[1]) > stamp_s
+                 and float(row[1]) < FUTURE_S and row[3] == 'tracking' and row[5]), 0)
