@@ -64,8 +64,8 @@ class TrackerNode(ManagedNode):
         cell = self.tracker.sensor.cell_size_m
         for item in confirmed:
             self._odometry.publish(messages.estimate_to_odometry(item, header))
-        self._tentative.publish(messages.estimates_to_array(tentative, header, cell))
         self._array.publish(messages.estimates_to_array(confirmed, header, cell))
+        self._tentative.publish(messages.estimates_to_array(tentative, header, cell))
         self.counts['out'] += 1
 
 

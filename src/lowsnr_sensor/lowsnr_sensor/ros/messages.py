@@ -97,6 +97,8 @@ def array_to_estimates(message: Detection2DArray, cell_size_m: float) -> list[Es
     An entry without a result gets score 0 and an unknown covariance (NaN).
     """
     count = len(message.detections)
+    if count == 0:
+        return []
     states, covs = np.full((count, 4), np.nan), np.full((count, 4, 4), np.nan)
     centres = [item.bbox.center.position for item in message.detections]
     states[:, POS] = np.reshape([(c.x, c.y) for c in centres], (count, 2)) * cell_size_m
