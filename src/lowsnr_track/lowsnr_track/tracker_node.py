@@ -11,8 +11,8 @@ from lowsnr_sensor.ros.runtime import ManagedNode
 from lowsnr_sensor.ros.runtime import reliable
 from lowsnr_sensor.ros.runtime import run
 from lowsnr_sensor.streams import stream
-from lowsnr_sensor.warm_up import warm_up
 from lowsnr_track.pda_mmpf import PdaMmpf
+from lowsnr_track.warm_up import warm_up
 from nav_msgs.msg import Odometry
 from rclpy.lifecycle import LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn
@@ -30,7 +30,7 @@ class TrackerNode(ManagedNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Create publishers and subscription."""
         depth = self.settings.queue_depth
-        warm_up(self.tracker.motion)
+        warm_up(self.tracker)
         self._memory = self.tracker.init()
         self._rng = stream(self.settings.seed, 'tracker')
         self._array = self.create_publisher(
