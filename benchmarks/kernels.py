@@ -205,11 +205,11 @@ def numpy_cloud(count: int, side: int) -> Work:
     return work
 
 
-def tracking(count: int, detections: int) -> Work:
+def tracking(count: int, detections: int, births: bool = False) -> Work:
     """Return the work of a tracker's next frame: one track, with detections in its gate."""
     first = PdaMmpf(particles=count, life=TrackLife(max_tracks=1))
-    # A track that is born costs as much as one that is followed; here none is.
-    later = replace(first, life=TrackLife(max_tracks=1, birth_density=1e-12))
+    # With births there is a second cloud in every frame, which is merged or dropped at its end.
+    later = first if births else replace(first, life=TrackLife(max_tracks=1, birth_density=1e-12))
     rng, memory = np.random.default_rng(SEED), [first.init()]
     frame, cov = itertools.count(), np.full((4, 4), np.nan)
     cov[np.ix_([0, 2], [0, 2])] = 0.4 * np.eye(2)
@@ -274,6 +274,10 @@ def _other_cases() -> list[Case]:
                  count + count // 3, 'particle', goal_ns=goals[0]),
             Case('PDA-MMPF, 7 detections', f'{count}', 'NumPy: move, weigh, resample',
                  lambda count=count: (tracking(count, 7), numpy_cloud(count, 20)),
+                 count, 'particle', goal_ns=goals[1]),
+            Case('PDA-MMPF, 7 detections and a birth', f'{count}',
+                 'NumPy: move, weigh, resample',
+                 lambda count=count: (tracking(count, 7, births=True), numpy_cloud(count, 20)),
                  count, 'particle', goal_ns=goals[1])]
     return found
 

@@ -130,7 +130,7 @@ def lied(stranger: Any, soak: Soak, what: str, topic: str, garbage: Any, rng: An
         if what == 'garbage':
             message.header.stamp = stranger.next_stamp(topic)
         stranger.send(topic, message, f'{topic} {name}')
-        soak.faults[f'{topic} {what}'] += 1
+        soak.faults[f'{topic} {what}'] += what == 'garbage' or number == 0
         if what == 'flood' and number % 100 == 99:
             time.sleep(0.02)  # 5,000 a second
 

@@ -2,12 +2,14 @@
 
 from dataclasses import replace
 
+from lowsnr_sensor import compiled
 from lowsnr_sensor.measurement import SensorModel
 from lowsnr_sensor.motion import MotionModes
 from lowsnr_track import measurements
 from lowsnr_track.detection_model import DetectionModel
 from lowsnr_track.management import TrackLife
 from lowsnr_track.pda_mmpf import PdaMmpf
+from lowsnr_track.warm_up import warm_up
 import numpy as np
 import pytest
 from track import oracles
@@ -178,3 +180,11 @@ def test_axes_are_not_swapped():
 def test_thresholds_in_the_wrong_order_are_refused():
     with pytest.raises(ValueError, match='release'):
         TrackLife(confirm_probability=0.2)
+
+
+def test_nothing_is_compiled_after_the_warm_up(tracker, rng):
+    warm_up(tracker)
+    before = compiled.variants()
+    path = straight(8)
+    follow(replace(tracker, particles=200), [[detection(*p), detection(3, 2)] for p in path], rng)
+    assert compiled.variants() == before > 0

@@ -15,6 +15,7 @@ from lowsnr_sensor.motion import POS
 from lowsnr_sensor.particles import log_sum_exp
 from lowsnr_track.joint import clusters
 from lowsnr_track.joint import log_marginals
+from lowsnr_track.kernels import gaussian_log_densities
 from lowsnr_track.measurements import Measurements
 from lowsnr_track.mmpf import Cloud
 import numpy as np
@@ -87,13 +88,9 @@ def log_densities(cloud: Cloud, measured: Measurements, index: np.ndarray) -> np
         Gaussian log densities [nat], -inf where there is no detection.
 
     """
-    position, cov = measured.position[index], measured.cov[index][:, :, None]
-    dx = position[..., :1] - cloud.states[:, None, :, POS[0]]
-    dy = position[..., 1:] - cloud.states[:, None, :, POS[1]]
-    determinant = cov[..., 0, 0] * cov[..., 1, 1] - cov[..., 0, 1] ** 2
-    scale = np.log(2.0 * np.pi) + 0.5 * np.log(determinant)
-    density = -0.5 * _quadratic(dx, dy, cov) - scale
-    return np.where(index[..., None] >= 0, density, -np.inf)
+    return gaussian_log_densities(
+        np.ascontiguousarray(cloud.states), np.ascontiguousarray(measured.position),
+        np.ascontiguousarray(measured.cov), index)
 
 
 def weigh(

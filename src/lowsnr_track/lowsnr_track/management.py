@@ -60,6 +60,8 @@ class Tracks:
 
     def estimates(self, chosen: np.ndarray) -> list[Estimate]:
         """Return mean, covariance and existence probability of the chosen tracks."""
+        if not chosen.any():
+            return []
         mean, cov = self.cloud.moments
         return [Estimate(mean[n], cov[n], float(self.existence[n]), str(self.ids[n]))
                 for n in np.flatnonzero(chosen)]
@@ -136,6 +138,8 @@ class TrackLife:
 
     def manage(self, tracks: Tracks) -> Tracks:
         """Merge tracks that follow one object, drop those that are nothing, confirm."""
+        if len(tracks) == 0:
+            return tracks
         tracks = self.prune(self.merge(tracks))
         bound = np.where(
             tracks.confirmed, self.release_probability, self.confirm_probability)

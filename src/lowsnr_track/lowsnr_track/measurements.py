@@ -71,6 +71,8 @@ def screen(
 
     """
     count = len(detections)
+    if count == 0:
+        return Measurements(np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0)), {}
     position = np.array([item.state for item in detections]).reshape(count, 4)[:, POS]
     cov = np.array([item.cov for item in detections]).reshape(count, 4, 4)
     score = np.array([item.score for item in detections], dtype=float)

@@ -45,7 +45,11 @@ class Cloud:
 
     def __getitem__(self, index: np.ndarray) -> Cloud:
         """Return the clouds that an index along the first axis picks."""
-        return Cloud(self.states[index], self.modes[index], self.log_weights[index])
+        chosen = Cloud(self.states[index], self.modes[index], self.log_weights[index])
+        if 'moments' in self.__dict__:
+            mean, cov = self.moments
+            chosen.__dict__['moments'] = mean[index], cov[index]
+        return chosen
 
     @cached_property
     def moments(self) -> tuple[np.ndarray, np.ndarray]:
@@ -153,6 +157,8 @@ def resample(
         Source of randomness.
 
     """
+    if len(cloud.modes) == 0:
+        return cloud
     count = cloud.log_weights.shape[-1]
     worn = np.flatnonzero(effective_size(cloud.log_weights) <= below * count)
     if worn.size == 0:

@@ -13,8 +13,8 @@ from lowsnr_sensor.ros.runtime import ManagedNode
 from lowsnr_sensor.ros.runtime import reliable
 from lowsnr_sensor.ros.runtime import run
 from lowsnr_sensor.streams import stream
-from lowsnr_sensor.warm_up import warm_up
 from lowsnr_track.pda_mmpf import PdaMmpf
+from lowsnr_track.warm_up import warm_up
 from nav_msgs.msg import Odometry
 from rclpy.lifecycle import LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn
@@ -34,7 +34,7 @@ class TrackerNode(ManagedNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Create publishers and subscription."""
         depth = self.settings.queue_depth
-        warm_up(self.tracker.motion)
+        warm_up(self.tracker)
         self._memory = self.tracker.init()
         self._rng = stream(self.settings.seed, 'tracker')
         self._array = self.create_publisher(
@@ -89,8 +89,8 @@ class TrackerNode(ManagedNode):
                 for items in (confirmed, tentative))
         for item in confirmed:
             self._odometry.publish(messages.estimate_to_odometry(item, header))
-        self._tentative.publish(messages.estimates_to_array(tentative, header, cell))
         self._array.publish(messages.estimates_to_array(confirmed, header, cell))
+        self._tentative.publish(messages.estimates_to_array(tentative, header, cell))
         self.counts['out'] += 1
 
 

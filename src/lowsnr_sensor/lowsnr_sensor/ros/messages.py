@@ -109,6 +109,8 @@ def array_to_estimates(message: Detection2DArray, cell_size_m: float) -> list[Es
     count = len(message.detections)
     if count > _MOST_ENTRIES:
         raise Malformed('too many entries', f'{count} entries, at most {_MOST_ENTRIES}')
+    if count == 0:
+        return []
     states, covs = np.full((count, 4), np.nan), np.full((count, 4, 4), np.nan)
     centres = [item.bbox.center.position for item in message.detections]
     states[:, POS] = np.reshape([(c.x, c.y) for c in centres], (count, 2)) * cell_size_m
