@@ -5,11 +5,11 @@ import sys
 from typing import Any
 
 import _environment
+from _parser import number
+from _parser import Parser
+from _parser import USAGE
 from bringup import CONFIG
 from bringup import INTERRUPTED
-from bringup import number
-from bringup import Parser
-from bringup import USAGE
 
 COLUMNS = (
     'detector', 'SNR dB', 'cells', 'P_FA', 'threshold nat', '95 % interval', 'measured', 'frames')
@@ -73,8 +73,8 @@ def planned(
     """Return name, detector, false-alarm probability and frame size, as bringup.py has them."""
     from lowsnr_detect.registry import detector_class
     from lowsnr_detect.registry import DETECTORS
+    from lowsnr_eval.run_options import RunOptions
     from lowsnr_eval.run_plan import plan_run
-    from lowsnr_eval.run_plan import RunOptions
 
     detector_class('sdt')  # has every detector register itself
     names = options.detector or sorted(DETECTORS)

@@ -9,10 +9,10 @@ import sys
 from typing import TYPE_CHECKING
 
 import _environment
+from _parser import number
+from _parser import Parser
+from _parser import USAGE
 from bringup import INTERRUPTED
-from bringup import number
-from bringup import Parser
-from bringup import USAGE
 
 if TYPE_CHECKING:
     from lowsnr_eval.bags.image_files import Recording

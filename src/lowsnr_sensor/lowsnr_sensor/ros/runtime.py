@@ -119,7 +119,7 @@ class ManagedNode(LifecycleNode):
 
     def _missing(self) -> str:
         needed = {each: n + self.settings.observers for each, n in self.outputs.items()}
-        inputs = [each.subscription for each in self._inputs if each.needed]
+        inputs = [each.subscription for each in self._inputs if each.awaited]
         return missing_peer(needed, inputs if self.settings.consumers else [])
 
     def refuse(self, why: str, reason: str = '') -> None:
