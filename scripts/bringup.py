@@ -15,6 +15,7 @@ from _arguments import USAGE
 import _environment
 
 if TYPE_CHECKING:
+    from lowsnr_eval.bags.recorded_run import RecordedRun
     from lowsnr_eval.run_plan import RunPlan
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -47,6 +48,9 @@ def add_what_to_run(parser: argparse.ArgumentParser) -> None:
     frames.add_argument(
         '--replay', type=Path, metavar='BAG',
         help='take the frames and the truth of a bag, not those of a scenario')
+    frames.add_argument(
+        '--camera', metavar='TOPIC',
+        help='take the frames of a live camera, such as /camera/image_raw, until Ctrl-C')
     parser.add_argument(
         '--snr', type=number(-30.0), metavar='DB',
         help="SNR of the object, and that detectors expect [dB] (default: the scenario's)")
@@ -61,17 +65,20 @@ def add_what_to_run(parser: argparse.ArgumentParser) -> None:
 
 
 def add_what_to_replay(parser: argparse.ArgumentParser) -> None:
-    """Add the options that say what of a bag is used."""
+    """Add the options that say what of a bag or camera is used."""
     parser.add_argument(
-        '--frames-topic', default='/image_raw', metavar='TOPIC',
-        help='topic of the frames in the bag (default: /image_raw)')
+        '--frames-topic', metavar='TOPIC',
+        help="topic of the frames in the bag (default: its run's, or /image_raw)")
     parser.add_argument(
         '--truth-topic', default='/ground_truth', metavar='TOPIC',
         help='topic of the truth in the bag, if it has any (default: /ground_truth)')
     parser.add_argument(
         '--condition', choices=('auto', 'on', 'off'), default='auto',
-        help='whether background and uneven noise are taken off the frames of the bag (default: '
-        'auto, unless a simulation was recorded)')
+        help='whether background and uneven noise are taken off the frames of a bag or camera '
+        '(default: auto, unless a simulation was recorded)')
+    parser.add_argument(
+        '--camera-within', type=number(0.0, above=True), default=10.0, metavar='S',
+        help='longest wait for the first frames of a camera [s] (default: 10)')
 
 
 def add_how_to_run(parser: argparse.ArgumentParser) -> None:
@@ -83,12 +90,11 @@ def add_how_to_run(parser: argparse.ArgumentParser) -> None:
     pace.add_argument(
         '--lockstep', action='store_true',
         help='as fast as the graph answers; the same results every time')
+    parser.add_argument('--loop', action='store_true', help='repeat the scenario until Ctrl-C')
     parser.add_argument(
-        '--loop', action='store_true', help='repeat the scenario until Ctrl-C')
-    parser.add_argument(
-        '--respawn', action=argparse.BooleanOptionalAction, default=None,
+        '--respawn', action=argparse.BooleanOptionalAction,
         help='start a node again that died; where it dies again and again the run ends (default: '
-        'with --loop)')
+        'with --loop and --camera)')
     parser.add_argument(
         '--record', type=Path, metavar='DIR', help='record every topic into a new rosbag2 bag')
     parser.add_argument(
@@ -128,7 +134,7 @@ def main() -> int:
         plan = plan_of(options)
         claim = claim_domain()
         if options.secure is not None:
-            secure(plan, options.secure)
+            secure(options.secure, [node.path for node in plan.nodes])
         folder = fresh_folder(options.results or ROOT / 'results' / plan.name)
     except ValueError as error:
         print(f'bringup.py: {error}', file=sys.stderr)
@@ -147,8 +153,14 @@ def main() -> int:
 
 def plan_of(options: argparse.Namespace) -> 'RunPlan':
     """Return the checked plan of the run that the options ask for."""
+    from lowsnr_eval.run_options import RunOptions
     from lowsnr_eval.run_plan import plan_run
-    from lowsnr_eval.run_plan import RunOptions
+
+    def look(topic: str) -> 'RecordedRun':
+        from lowsnr_eval.ros.camera import look_at_camera
+        if options.secure is not None:
+            secure(options.secure, [])
+        return look_at_camera(topic, options.camera_within)
 
     return plan_run(RunOptions(
         detectors=options.detector, scenario=options.scenario, snr_db=options.snr,
@@ -156,16 +168,16 @@ def plan_of(options: argparse.Namespace) -> 'RunPlan':
         lockstep=options.lockstep, loop=options.loop, overrides=options.overrides,
         record=options.record, storage=options.storage, replay=options.replay,
         frames_topic=options.frames_topic, truth_topic=options.truth_topic,
-        condition=options.condition, view=options.view, respawn=options.respawn), CONFIG)
+        condition=options.condition, view=options.view, respawn=options.respawn,
+        camera=options.camera), CONFIG, look)
 
 
-def secure(plan: 'RunPlan', keystore: Path) -> None:
+def secure(keystore: Path, nodes: list[str]) -> None:
     """Have all that is started from here on enforce security, each node in its own enclave."""
     from lowsnr_eval.graph import MANAGER
     from lowsnr_eval.keystore import secured_environment
 
-    nodes = [f'/{MANAGER}', *(node.path for node in plan.nodes)]
-    os.environ |= secured_environment(keystore, nodes, os.environ)
+    os.environ |= secured_environment(keystore, [f'/{MANAGER}', *nodes], os.environ)
 
 
 def calibrate(plan: 'RunPlan') -> None:

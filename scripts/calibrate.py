@@ -73,8 +73,8 @@ def planned(
     """Return name, detector, false-alarm probability and frame size, as bringup.py has them."""
     from lowsnr_detect.registry import detector_class
     from lowsnr_detect.registry import DETECTORS
+    from lowsnr_eval.run_options import RunOptions
     from lowsnr_eval.run_plan import plan_run
-    from lowsnr_eval.run_plan import RunOptions
 
     detector_class('sdt')  # has every detector register itself
     names = options.detector or sorted(DETECTORS)

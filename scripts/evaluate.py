@@ -33,7 +33,7 @@ def parse_arguments(arguments: list[str]) -> argparse.Namespace:
         help='folder for results (default: results/BAG-evaluated, or that with a number)')
     parser.add_argument(
         '--frames-topic', metavar='TOPIC',
-        help='topic of the frames, for the report (default: /image_raw, or conditioned)')
+        help='topic of the frames, for the report (default: those that detectors took)')
     parser.add_argument(
         '--truth-topic', metavar='TOPIC',
         help='topic of the truth (default: /ground_truth, or conditioned)')

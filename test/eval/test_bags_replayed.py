@@ -12,8 +12,8 @@ from lowsnr_eval.bags.replaying import played_frames
 from lowsnr_eval.bags.writer import BagWriter
 from lowsnr_eval.graph import to_yaml
 from lowsnr_eval.ros.frame_bag import FrameBag
+from lowsnr_eval.run_options import RunOptions
 from lowsnr_eval.run_plan import plan_run
-from lowsnr_eval.run_plan import RunOptions
 from lowsnr_sensor.records import Truth
 from lowsnr_sensor.ros import messages
 import numpy as np

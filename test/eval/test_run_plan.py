@@ -7,8 +7,8 @@ from lowsnr_detect.registry import detector_class
 from lowsnr_detect.registry import DETECTORS
 from lowsnr_eval.config_files import load_config
 from lowsnr_eval.graph import to_yaml
+from lowsnr_eval.run_options import RunOptions
 from lowsnr_eval.run_plan import plan_run
-from lowsnr_eval.run_plan import RunOptions
 from lowsnr_sensor.config import flat_values
 from lowsnr_track.pda_mmpf import PdaMmpf
 import pytest

@@ -18,6 +18,9 @@ SCENARIO = 'objects: [{id: a, first_frame: 1, last_frame: 9, start: {x_m: 3.0, y
     (['--set', 'cdt.alpha=0.1'], 'cdt is not one of sdt, sensor, tracker, evaluator'),
     (['--set', 'sensor.sensor.noise_std=0'], 'must be a number in (0.0, inf)'),
     (['--lockstep', '--rate', '5'], 'not allowed with argument'),
+    (['--camera', '/camera/image_raw', '--replay', 'bag'], 'not allowed with argument --camera'),
+    (['--camera', '/camera/image_raw', '--lockstep'], '--lockstep: not allowed with --camera'),
+    (['--camera', '/camera/image_raw', '--camera-within', '0'], "'0' is not a number above 0"),
     (['--domain-id', 'x'], "'x' is not a whole number"),
     (['--domain-id', '233'], "ROS_DOMAIN_ID = '233', must be a whole number in [0, 232]"),
 ])

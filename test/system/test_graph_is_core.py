@@ -6,8 +6,8 @@ from lowsnr_eval import graph
 from lowsnr_eval.chain import Chain
 from lowsnr_eval.experiment import Block
 from lowsnr_eval.experiment import run_block
+from lowsnr_eval.run_options import RunOptions
 from lowsnr_eval.run_plan import plan_run
-from lowsnr_eval.run_plan import RunOptions
 from lowsnr_eval.scoring import Evaluation
 from lowsnr_sensor.measurement import SensorModel
 from lowsnr_sensor.scenario import load_scenario

@@ -42,7 +42,11 @@ SETTINGS: dict[str, tuple[type, ...]] = {
 
 @dataclass(frozen=True)
 class Node:
-    """One process of the graph; a run goes on without one that is not ``needed``."""
+    """
+    One process of the graph.
+
+    A run goes on without one that is not ``needed``; a ``live`` one hears a camera itself.
+    """
 
     name: str
     module: str
@@ -50,6 +54,7 @@ class Node:
     arguments: tuple[str, ...] = ()
     remaps: tuple[str, ...] = ()
     needed: bool = True
+    live: bool = False
 
     @property
     def source(self) -> bool:
@@ -82,36 +87,49 @@ def known_nodes() -> list[str]:
 
 def plan(
     detectors: Iterable[str], source: str = 'sensor', recorded: bool = False,
-    conditioned: bool = False, viewed: bool = False,
+    conditioned: bool = False, viewed: bool = False, camera: str = '',
 ) -> list[Node]:
     """
     Return the nodes of a run, consumers first.
 
     One detector's chain stands at the root; of several each has a namespace of its name and
-    takes the same frames.  The frames come from the sensor, or from a player; a conditioner
-    may stand between them and whoever takes them, a recorder beside all, a viewer beside each
-    chain.
+    takes the same frames.  The frames come from the sensor, from a player, or on the topic of a
+    camera, which is no node of the run; a conditioner may stand between them and whoever takes
+    them, a recorder beside all, a viewer beside each chain.
     """
     names = list(detectors)
-    nodes = []
-    seen = tuple(f'{topic}:={CONDITIONED if conditioned else "/"}{topic}' for topic in SEEN)
-    nodes.append(Node(
-        'evaluator', 'lowsnr_eval.evaluator_node', remaps=seen if conditioned else ()))
+    seen = _seen(conditioned, camera)
+    moved, live = conditioned or bool(camera), bool(camera) and not conditioned
+    nodes = [Node(
+        'evaluator', 'lowsnr_eval.evaluator_node', remaps=seen if moved else (), live=live)]
     for name in names:
         space = f'/{name}' if len(names) > 1 else ''
-        remaps = seen[:1] if space or conditioned else ()
+        remaps = seen[:1] if space or moved else ()
         if viewed:
-            nodes.append(Node(
-                'viewer', 'lowsnr_eval.viewer_node', space, remaps=seen, needed=False))
+            nodes.append(Node('viewer', 'lowsnr_eval.viewer_node', space, remaps=seen,
+                              needed=False, live=live))
         nodes.append(Node('tracker', 'lowsnr_track.tracker_node', space))
         nodes.append(Node(
-            f'{name}_detector', 'lowsnr_detect.detector_node', space, (name,), remaps))
+            f'{name}_detector', 'lowsnr_detect.detector_node', space, (name,), remaps, live=live))
     if conditioned:
-        nodes.append(Node('conditioner', 'lowsnr_sensor.conditioner_node'))
-    if recorded:
-        nodes.append(Node('recorder', 'lowsnr_eval.recorder_node'))
+        nodes.append(Node(
+            'conditioner', 'lowsnr_sensor.conditioner_node', live=bool(camera),
+            remaps=(f'image_raw:={camera}',) if camera else ()))
+    if recorded:  # before whoever hears a camera, which waits for nobody
+        nodes.insert(0 if camera else len(nodes), Node(
+            'recorder', 'lowsnr_eval.recorder_node', live=bool(camera)))
+    if camera:
+        return nodes
     package = 'lowsnr_sensor' if source == 'sensor' else 'lowsnr_eval'
     return [*nodes, Node(source, f'{package}.{source}_node')]
+
+
+def _seen(conditioned: bool, camera: str) -> tuple[str, ...]:
+    """Return where frames and truth are found by whoever looks at them."""
+    names = {topic: f'{CONDITIONED if conditioned else "/"}{topic}' for topic in SEEN}
+    if camera and not conditioned:
+        names['image_raw'] = camera
+    return tuple(f'{topic}:={name}' for topic, name in names.items())
 
 
 def parameters(

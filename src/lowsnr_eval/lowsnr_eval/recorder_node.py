@@ -90,9 +90,9 @@ class RecorderNode(ManagedNode):
         """Take what is still on its way, and close the bag."""
         result = super().on_deactivate(state)
         until = time.monotonic() + _DRAIN_WITHIN_S
-        quiet = time.monotonic()
+        quiet, now_ns = time.monotonic(), time.time_ns()
         while time.monotonic() < min(until, quiet + _QUIET_S):
-            if self._take_waiting():
+            if self._take_waiting(now_ns):
                 quiet = time.monotonic()
             else:
                 time.sleep(0.01)
@@ -118,9 +118,11 @@ class RecorderNode(ManagedNode):
     def _not_received(self) -> str:
         """Return a topic with a publisher that its reader has not found; nothing where none."""
         self._look()
-        for name in self.recording.topics:
-            if name not in self._readers:
-                return name
+        # A camera may be away when the node is started again.
+        if not (self.settings.live and self.settings.lives):
+            for name in self.recording.topics:
+                if name not in self._readers:
+                    return name
         for name, (subscription, _) in self._readers.items():
             publishers = self.get_publishers_info_by_topic(name)
             if subscription.get_publisher_count() < len(publishers):
@@ -142,7 +144,8 @@ class RecorderNode(ManagedNode):
             self._refused.add(name)
             self.refuse(f'{name} is not recorded: {error}')
             return
-        begun = name in _BEGUN or name.endswith('/transition_event')
+        begun = (self.settings.live or name in _BEGUN  # a camera was there before
+                 or name.endswith('/transition_event'))
         tally = self._tallies[name] = Tally(
             shared=len(publishers) > 1, last=None if begun else 0)
         subscription = self.create_subscription(
@@ -183,15 +186,19 @@ class RecorderNode(ManagedNode):
         except (OSError, sqlite3.Error) as error:
             self._give_up(error)
 
-    def _take_waiting(self) -> bool:
-        """Take one message of each topic that has one; whether there was any."""
+    def _take_waiting(self, now_ns: int) -> bool:
+        """
+        Take one message of each topic that has one; whether there was any.
+
+        What came after a time [ns] does not count beside a camera, which goes on.
+        """
         taken = False
         for subscription, kind in self._readers.values():
             with subscription.handle:
                 found = subscription.handle.take_message(kind, True)
             if found is not None:
                 subscription.callback(*found)
-                taken = True
+                taken |= not self.settings.live or found[1]['received_timestamp'] < now_ns
         return taken
 
     def _close(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from collections.abc import Sequence
 from dataclasses import dataclass
 import difflib
@@ -17,42 +18,23 @@ from lowsnr_eval.bags.recorded_run import RecordedRun
 from lowsnr_eval.bags.writer import refuse_existing
 from lowsnr_eval.config_files import load_config
 from lowsnr_eval.config_files import parse_override
+from lowsnr_eval.run_options import camera_topic
+from lowsnr_eval.run_options import RunOptions
 from lowsnr_eval.sources import bag_source
+from lowsnr_eval.sources import camera_source
 from lowsnr_eval.sources import scenario_source
 from lowsnr_eval.sources import Source
 from lowsnr_sensor.scenario import load_scenario
 
-# Readers of a detector's answers: tracker and evaluator; of ``scored``: sensor and bring-up.
+# Readers of a detector's answers: tracker and evaluator; of ``scored``: sensor, where there is
+# one, and bring-up.
 # A frame's readers are the detectors and the evaluator.  A viewer reads a chain's frames and
 # answers.
 _DETECTION_READERS = 2
-_SCORED_READERS = 2
+_SCORED_READERS = 1
 _DETECTABLE = '32FC1'
 _PATIENCE_BEYOND_S = 5.0
 Layer = dict[str, dict[str, Any]]
-
-
-@dataclass(frozen=True, kw_only=True)
-class RunOptions:
-    """What a user says of a run; None where the configuration decides."""
-
-    detectors: Sequence[str]
-    scenario: str
-    snr_db: float | None = None
-    frames: int | None = None
-    seed: int | None = None
-    rate_hz: float | None = None
-    lockstep: bool = False
-    loop: bool = False
-    overrides: Sequence[str] = ()
-    record: Path | None = None
-    storage: str = 'mcap'
-    replay: Path | None = None
-    frames_topic: str = '/image_raw'
-    truth_topic: str = '/ground_truth'
-    condition: str = 'auto'
-    view: bool = False
-    respawn: bool | None = None
 
 
 @dataclass(frozen=True)
@@ -80,7 +62,9 @@ class RunPlan:
         return 4 * values.get('rows', 0) * values.get('cols', 0)
 
 
-def plan_run(options: RunOptions, config_folder: Path) -> RunPlan:
+def plan_run(
+    options: RunOptions, config_folder: Path, look: Callable[[str], RecordedRun] | None = None,
+) -> RunPlan:
     """
     Check configuration and options, and plan the run.
 
@@ -90,6 +74,8 @@ def plan_run(options: RunOptions, config_folder: Path) -> RunPlan:
         What the user said.
     config_folder
         Folder with the parameter files and ``scenarios/``.
+    look
+        Called with the topic of a camera, says what it shows; a run on a camera needs it.
 
     Raises
     ------
@@ -101,11 +87,11 @@ def plan_run(options: RunOptions, config_folder: Path) -> RunPlan:
     for name in names:
         detector_class(name)
     config, overrides = load_config(config_folder), _overrides(options, names)
-    recorded = _inspected(options)
+    recorded = _inspected(options, look)
     conditioned = _conditioned(options, recorded)
     nodes = graph.plan(
         names, 'player' if recorded else 'sensor', recorded=options.record is not None,
-        conditioned=conditioned, viewed=options.view)
+        conditioned=conditioned, viewed=options.view, camera=camera_topic(options))
     source = _source(options, recorded, nodes, config, overrides, config_folder)
     layers = (
         source.defaults, config, source.facts, _option_layer(options),
@@ -115,23 +101,29 @@ def plan_run(options: RunOptions, config_folder: Path) -> RunPlan:
     parameters['/evaluator']['operating_points'] = [
         parameters[node].get('operating_point', 'matched') for node in detectors]
     # Only what the evaluator itself gives up is not waited for.
-    parameters[nodes[-1].path].setdefault(
-        'patience_s', _PATIENCE_BEYOND_S + parameters['/evaluator'].get('answer_within_s', 10.0))
-    frames = None if options.loop else options.frames or source.frames
-    if recorded is not None:
-        frames = min(options.frames or source.frames, source.frames)
+    for node in filter(lambda node: node.source, nodes):
+        parameters[node.path].setdefault('patience_s', _PATIENCE_BEYOND_S + parameters[
+            '/evaluator'].get('answer_within_s', 10.0))
+    frames = None if options.endless else options.frames or source.frames
+    if recorded is not None and frames is not None:
+        frames = min(frames, source.frames)
     # A bag may call its scenario anything; the results stay in their folder.
     name = re.sub(r'[^\w.-]+', '_', source.name)
     return RunPlan(
         '-'.join([name, *names]), nodes, parameters, detectors, frames,
         recorded.notes if recorded else (),
-        options.loop if options.respawn is None else options.respawn)
+        options.endless if options.respawn is None else options.respawn)
 
 
-def _inspected(options: RunOptions) -> RecordedRun | None:
-    """Check where a run is recorded to; look through the bag that is replayed."""
+def _inspected(
+    options: RunOptions, look: Callable[[str], RecordedRun] | None,
+) -> RecordedRun | None:
+    """Check where a run is recorded to; look at the camera, or through the bag."""
     if options.record is not None:
         refuse_existing(options.record)
+    if topic := camera_topic(options):
+        assert look is not None
+        return look(topic)
     if options.replay is None:
         return None
     if options.loop:
@@ -146,9 +138,12 @@ def _conditioned(options: RunOptions, recorded: RecordedRun | None) -> bool:
             raise ValueError('--condition on: simulated frames are not conditioned')
         return False
     conditioned = recorded.raw if options.condition == 'auto' else options.condition == 'on'
+    if conditioned and camera_topic(options) == f'{graph.CONDITIONED}image_raw':
+        raise ValueError(
+            f'--camera: a run publishes {options.camera} itself, unless with --condition off')
     if not conditioned and recorded.encoding != _DETECTABLE:
         raise ValueError(
-            f'{options.replay}: its frames are {recorded.encoding}, and detectors take '
+            f'{options.frames_from}: its frames are {recorded.encoding}, and detectors take '
             f'{_DETECTABLE}: leave out --condition off')
     return conditioned
 
@@ -157,9 +152,11 @@ def _source(
     options: RunOptions, recorded: RecordedRun | None, nodes: Sequence[graph.Node],
     config: Layer, overrides: Layer, config_folder: Path,
 ) -> Source:
+    if recorded is not None and options.camera is not None:
+        return camera_source(camera_topic(options), recorded, nodes, config, overrides)
     if recorded is not None and options.replay is not None:
         return bag_source(
-            options.replay, (options.frames_topic, options.truth_topic), recorded, nodes, config,
+            options.replay, (recorded.frames_topic, options.truth_topic), recorded, nodes, config,
             overrides)
     path = find_scenario(options.scenario, config_folder / 'scenarios')
     sensor = graph.parameters(nodes, config, overrides)['/sensor']
@@ -215,14 +212,16 @@ def _graph_layer(nodes: Sequence[graph.Node], source: Source, names: list[str]) 
     viewed = int('viewer' in present)  # one for each chain
     takers = {'consumers': len(names) * (1 + viewed) + 1}
     first = {'consumers': 1} if 'conditioner' in present else takers
+    sources = sum(node.source for node in nodes)
     return {
         graph.EVERY_NODE: {'autostart': False, 'observers': int('recorder' in present)},
         'sensor': first, 'player': first, 'conditioner': takers,
         **{f'{name}_detector': {'consumers': _DETECTION_READERS + viewed} for name in names},
         'tracker': {'consumers': 1 + viewed}, 'viewer': {'consumers': 1},
         'evaluator': {
-            'consumers': _SCORED_READERS, 'scenario': source.name, 'detectors': names,
+            'consumers': _SCORED_READERS + sources, 'scenario': source.name, 'detectors': names,
             'operating_points': names, 'namespaces': len(names) > 1},
+        **{node.path: {'live': True} for node in nodes if node.live},
     }
 
 

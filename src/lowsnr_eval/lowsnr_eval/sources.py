@@ -24,8 +24,8 @@ class Source:
     """
     The origin of the frames.
 
-    ``defaults`` is what it says of the settings where the configuration says nothing,
-    ``facts`` what it says whatever the configuration says.
+    ``frames`` is 0 for one without end, ``defaults`` is what it says of the settings where the
+    configuration says nothing, ``facts`` what it says whatever the configuration says.
     """
 
     name: str
@@ -67,19 +67,33 @@ def bag_source(
         What the user says beside it.
 
     """
+    player = {
+        'bag': str(path.resolve()), 'simulated': recorded.simulated, 'frames_topic': topics[0],
+        'truth_topic': topics[1] if recorded.truth else ''}
+    sent = [*_FRAMES, *(_TRUTH if recorded.truth else ())]
+    return _source(recorded, sent, player, nodes, config, overrides)
+
+
+def camera_source(
+    topic: str, shown: RecordedRun, nodes: Sequence[graph.Node], config: Layer, overrides: Layer,
+) -> Source:
+    """Return the source that a camera is; as :func:`bag_source`, of what it was seen to show."""
+    return _source(shown, [topic], {}, nodes, config, overrides)
+
+
+def _source(
+    recorded: RecordedRun, sent: Sequence[str], player: dict[str, Any],
+    nodes: Sequence[graph.Node], config: Layer, overrides: Layer,
+) -> Source:
     every: dict[str, Any] = {
         'rows': recorded.rows, 'cols': recorded.cols, 'truth': recorded.truth,
         **(recorded.sensor or {'sensor.frame_period_s': recorded.period_s})}
     if recorded.seed is not None:
         every['seed'] = recorded.seed
     whole = {'rows': recorded.rows, 'cols': recorded.cols}
-    topics_sent = [*_FRAMES, *(_TRUTH if recorded.truth else ())]
     facts: Layer = {
-        graph.EVERY_NODE: every, 'recorder': whole | {'topics': topics_sent},
-        'player': whole | {
-            'bag': str(path.resolve()), 'simulated': recorded.simulated,
-            'frames_topic': topics[0],
-            'truth_topic': topics[1] if recorded.truth else ''}}
+        graph.EVERY_NODE: every, 'recorder': whole | {'topics': list(sent)},
+        'player': whole | player}
     given = graph.parameters(nodes, config, overrides)
     if '/conditioner' in given:
         conditioning = graph.build(ConditioningSettings, given['/conditioner'], 'conditioner')

@@ -22,8 +22,8 @@ from lowsnr_eval.examples import Example
 from lowsnr_eval.examples import EXAMPLES
 from lowsnr_eval.examples import Variant
 from lowsnr_eval.experiment import Block
+from lowsnr_eval.run_options import RunOptions
 from lowsnr_eval.run_plan import plan_run
-from lowsnr_eval.run_plan import RunOptions
 from lowsnr_eval.run_plan import RunPlan
 from lowsnr_eval.scoring import Evaluation
 from lowsnr_eval.study_options import StudyOptions

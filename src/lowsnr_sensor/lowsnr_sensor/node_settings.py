@@ -28,6 +28,8 @@ class NodeSettings:
     lives: int = setting(
         0, 'how often the node was started before in the same run; above 0 it goes on where it '
         'was', ge=0)
+    live: bool = setting(
+        False, 'whether image_raw is that of a camera, which may go and come: nobody waits for it')
     silence_s: float = setting(
         10.0, 'wall time without a message after which /diagnostics calls an input silent [s]',
         gt=0.0)

@@ -10,6 +10,7 @@ from lowsnr_eval import graph
 from lowsnr_eval.bags.reader import Bag
 from lowsnr_eval.bags.recorded_run import check_type
 from lowsnr_eval.bags.recorded_run import recorded_parameters
+from lowsnr_eval.bags.recorded_run import told_frames_topic
 from lowsnr_eval.bags.replaying import ARRAY
 from lowsnr_eval.judge import TRUTH
 from lowsnr_eval.run_settings import RunSettings
@@ -77,7 +78,8 @@ def find_chains(
     return RecordedChains(
         run, evaluation, int(evaluator.get('seed', 0)),
         {own: topic for own, topic in topics.items() if bag.topics.get(own) == ARRAY},
-        frames_topic or f'{prefix}image_raw')
+        frames_topic or (
+            f'{prefix}image_raw' if prefix != '/' else told_frames_topic(bag, told)))
 
 
 def _namespaces(bag: Bag) -> list[str]:

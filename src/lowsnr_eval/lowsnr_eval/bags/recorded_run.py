@@ -15,18 +15,22 @@ from lowsnr_eval.bags.replaying import IMAGE
 import numpy as np
 import yaml
 
+_FRAMES = '/image_raw'
+
 
 @dataclass(frozen=True)
 class RecordedRun:
     """
-    The frames of a bag, and the run they are of.
+    The frames of a bag, or of a camera, and the run they are of.
 
-    ``name`` is that of the scenario, or of the bag where it does not tell; ``period_s`` the
+    ``name`` is that of the scenario, or of the bag where it does not tell; ``frames`` is 0 where
+    there is no end of them; ``period_s`` the
     median time from a frame to the next [s], 1 for a single frame; ``truth`` whether the bag has
     any; ``encoding`` that of the images.  ``raw`` frames have a background and noise of their
     own to be taken off first; for ``simulated`` ones the settings of motion hold as they are.
     ``seed`` and ``sensor``, its settings ``sensor.*``, are those of the run where one is told;
-    ``notes`` say what was damaged or missing, one line each.
+    ``notes`` say what was damaged or missing, one line each; ``frames_topic`` is where the frames
+    are.
     """
 
     name: str
@@ -41,11 +45,12 @@ class RecordedRun:
     seed: int | None = None
     sensor: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    frames_topic: str = _FRAMES
 
 
-def inspect_bag(path: Path, frames_topic: str, truth_topic: str) -> RecordedRun:
+def inspect_bag(path: Path, frames_topic: str | None, truth_topic: str) -> RecordedRun:
     """
-    Look through a bag.
+    Look through a bag; None for the frames of the run that it is of.
 
     Raises
     ------
@@ -54,6 +59,8 @@ def inspect_bag(path: Path, frames_topic: str, truth_topic: str) -> RecordedRun:
 
     """
     with Bag(path) as bag:
+        parameters = recorded_parameters(bag)
+        frames_topic = frames_topic or told_frames_topic(bag, parameters)
         check_type(bag, frames_topic, IMAGE, '--frames-topic')
         truth = truth_topic in bag.topics
         if truth:
@@ -61,7 +68,6 @@ def inspect_bag(path: Path, frames_topic: str, truth_topic: str) -> RecordedRun:
         stamps_ns, (rows, cols), encoding = _look_at_frames(bag, frames_topic)
         for message in bag.messages({truth_topic, f'{truth_topic}/odometry'} if truth else ()):
             bag.read(message)
-        parameters = recorded_parameters(bag)
         evaluator = parameters.get('/evaluator', {})
         steps_s = np.diff(stamps_ns) / 1e9
         return RecordedRun(
@@ -71,7 +77,7 @@ def inspect_bag(path: Path, frames_topic: str, truth_topic: str) -> RecordedRun:
             truth=truth, encoding=encoding, raw=not evaluator or '/conditioner' in parameters,
             simulated='/sensor' in parameters or bool(
                 parameters.get('/player', {}).get('simulated')),
-            seed=evaluator.get('seed'), notes=tuple(bag.notes),
+            seed=evaluator.get('seed'), notes=tuple(bag.notes), frames_topic=frames_topic,
             sensor={k: v for k, v in evaluator.items() if k.startswith('sensor.')})
 
 
@@ -118,6 +124,13 @@ def _look_at_frames(bag: Bag, topic: str) -> tuple[list[int], tuple[int, int], s
 
 def _because(bag: Bag) -> str:
     return f' ({"; ".join(bag.notes)})' if bag.notes else ''
+
+
+def told_frames_topic(bag: Bag, parameters: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return the topic of the frames that a recorded run began with, as its parameters tell."""
+    topics = parameters.get('/recorder', {}).get('topics')
+    told = str(topics[0]) if isinstance(topics, list) and topics else _FRAMES
+    return told if told in bag.topics else _FRAMES
 
 
 def recorded_parameters(bag: Bag) -> dict[str, dict[str, Any]]:

@@ -76,8 +76,10 @@ class Manager:
             DiagnosticArray, 'scored', self._count, reliable(10_000))
         self.published, self.newest_ns = 0, -1
         self.restarted: Counter[str] = Counter()
-        self._node.create_subscription(Clock, 'clock', self._on_clock, reliable(10_000))
+        if any(node.source for node in self._services):  # else a clock is somebody else's
+            self._node.create_subscription(Clock, 'clock', self._on_clock, reliable(10_000))
         self._active: dict[str, str] = {}
+        self.statuses: dict[str, DiagnosticStatus] = {}  # the newest of each active node
         self._node.create_subscription(
             DiagnosticArray, '/diagnostics', self._on_diagnostics, reliable(100))
         self.changed: dict[str, dict[str, Any]] = {}  # parameters set while it ran, by node
@@ -163,3 +165,4 @@ class Manager:
             values = {item.key: item.value for item in status.values}
             if values.get('state') == 'active':
                 self._active[status.name] = values.get('process', '')
+                self.statuses[status.name] = status

@@ -16,6 +16,7 @@ from lowsnr_eval.middleware import PROFILE_FILE
 from lowsnr_eval.processes import NodeProcess
 from lowsnr_eval.processes import ProcessGroup
 from lowsnr_eval.results import note_losses
+from lowsnr_eval.ros.camera_watch import CameraWatch
 from lowsnr_eval.ros.manager import ACTIVATE
 from lowsnr_eval.ros.manager import CONFIGURE
 from lowsnr_eval.ros.manager import DEACTIVATE
@@ -42,7 +43,7 @@ class Supervisor:
     Parameters
     ----------
     nodes
-        The nodes, consumers first; the last one is the source of the frames.
+        The nodes, consumers first; the source of the frames, if any, last.
     folder
         Results folder, which holds ``parameters.yaml``; logs go to its ``log``.
     frames
@@ -69,6 +70,7 @@ class Supervisor:
         self._respawn = respawn
         self._respawner: Respawner | None = None
         self._losses: tuple[int, Mapping[str, int]] = 0, {}
+        self._watch = CameraWatch()
         self._missed: dict[Node, str] = {}  # the run goes on without them; how they died
 
     def run(self) -> tuple[int, str]:
@@ -154,13 +156,20 @@ class Supervisor:
         if self._signal:
             raise Interrupted
         for member in self._group.dead():
-            if self._is_source(member) and member.process.returncode == 0:
+            if member.node.source and member.process.returncode == 0:
                 continue
             if member.node not in self._missed and not (
                     self._respawner and self._respawner.took(member)):
                 self._lose(member)
         if self._respawner:
             self._respawner.look()
+        self._look_at_camera()
+
+    def _look_at_camera(self) -> None:
+        """Say what the last node to hear the camera says of it."""
+        path = next((node.path for node in reversed(self._nodes) if node.live), '')
+        if path in self._manager.statuses:
+            self._watch.look(self._manager.statuses.pop(path))
 
     def _lose(self, member: NodeProcess) -> None:
         """Go on without a node that has died for good, or raise where that cannot be."""
@@ -172,11 +181,8 @@ class Supervisor:
         self._missed[member.node] = report
         tqdm.write(f'the run goes on without {report}', file=sys.stderr)
 
-    def _is_source(self, member: NodeProcess) -> bool:
-        return member.node == self._nodes[-1]
-
     def _source_done(self) -> bool:
-        return any(self._is_source(member) and member.process.returncode == 0
+        return any(member.node.source and member.process.returncode == 0
                    for member in self._group.dead())
 
     def _on_signal(self, number: int, _: Any) -> None:

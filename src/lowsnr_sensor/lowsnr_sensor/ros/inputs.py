@@ -13,6 +13,8 @@ from rclpy.qos import qos_policy_name_from_kind
 from rclpy.qos import QoSProfile
 from rclpy.qos import ReliabilityPolicy
 
+CAMERA_TOPIC = 'image_raw'
+
 
 class Input:
     """
@@ -35,6 +37,7 @@ class Input:
         self._node, self._kind, self._topic, self._qos = node, kind, topic, qos
         self._callback, self._first = callback, first
         self.needed, self._steady = needed, needed and steady
+        self.awaited = needed and not (node.settings.live and topic == CAMERA_TOPIC)
         self._heard_s = 0.0
         self._incompatible = ''
         self.subscription = self._subscribe()

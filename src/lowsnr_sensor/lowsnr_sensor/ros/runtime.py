@@ -120,7 +120,7 @@ class ManagedNode(SettingsNode):
 
     def _missing(self) -> str:
         needed = {each: n + self.settings.observers for each, n in self.outputs.items()}
-        inputs = [each.subscription for each in self._inputs if each.needed]
+        inputs = [each.subscription for each in self._inputs if each.awaited]
         return missing_peer(needed, inputs if self.settings.consumers else [])
 
     def refuse(self, why: str, reason: str = '') -> None:

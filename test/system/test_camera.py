@@ -1,0 +1,123 @@
+"""A run on a live camera: a process of its own that comes and goes."""
+
+import os
+import signal
+import subprocess
+import sys
+
+from graph_runs import graph_environment
+from graph_runs import own_domain
+from graph_runs import ROOT
+from graph_runs import run_bringup
+from lowsnr_eval.bags.reader import Bag
+from lowsnr_sensor.ros.messages import stamp_key
+import pytest
+
+TOPIC = '/camera/image_raw'
+RUN = ('--camera', TOPIC, '--detector', 'cdt', '--set', 'cdt.operating_point=manual',
+       '--set', 'cdt.threshold=3.0', '--snr', '12')
+
+
+@pytest.fixture
+def camera():
+    """Return a function that starts a camera; those that still run end with the test."""
+    started = []
+    source = str(ROOT / 'src' / 'lowsnr_sensor')
+    environment = graph_environment(own_domain()) | {
+        'PYTHONPATH': os.pathsep.join([source, os.environ.get('PYTHONPATH', '')])}
+
+    def start():
+        parameters = {
+            'scenario': ROOT / 'config' / 'scenarios' / 'example3.yaml', 'loop': 'true',
+            'rate_hz': 50.0, 'sensor.snr_db': 15.0}
+        options = [part for name, value in parameters.items()
+                   for part in ('-p', f'{name}:={value}')]
+        started.append(subprocess.Popen(
+            [sys.executable, '-m', 'lowsnr_sensor.sensor_node', '--ros-args', *options,
+             '-r', f'image_raw:={TOPIC}', '-r', '__ns:=/camera'],
+            env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.kill()
+        process.wait()
+
+
+def end(process):
+    """Unplug a camera."""
+    process.kill()
+    process.wait()
+
+
+def interrupted(run):
+    """End a run by Ctrl-C; return what it printed, its account checked."""
+    run.process.send_signal(signal.SIGINT)
+    code, out, err = run.finish()
+    assert code == 130, err
+    assert 'Traceback' not in err
+    for log in (run.results / 'log').iterdir():
+        assert 'Traceback' not in log.read_text(), log
+    summary = run.summary()
+    assert summary['scenario'] == 'camera/image_raw'
+    frames = summary['frames']
+    assert frames['unseen'] == 0
+    assert frames['published'] == frames['scored'] + frames['unanswered'] > 60
+    assert len(run.rows()) == 2 * frames['published']
+    run.wait_until_none_is_left()
+    return out, err
+
+
+def test_run_outlives_the_camera_and_a_detector(bringup, camera, tmp_path):
+    bag = tmp_path / 'bag'
+    first = camera()
+    run = bringup(*RUN, '--record', str(bag))
+    run.wait_for_rows(2 * 30)
+    end(first)
+    camera()  # its stamps begin again
+    run.wait_for_rows(len(run.rows()) + 2 * 30)
+    run.kill('detector_node')
+    run.wait_for_restarts(1)
+    run.wait_for_rows(len(run.rows()) + 2 * 30)
+    out, err = interrupted(run)
+    assert 'cdt_detector is back after' in err
+    assert f' topics in {bag}, ' in out
+    assert run.summary()['detectors']['cdt']['detection']['declared'] > 0
+    check_that_all_that_was_answered_is_recorded(bag)
+
+
+def check_that_all_that_was_answered_is_recorded(bag):
+    """Check that each frame with an answer in a bag is there itself."""
+    with Bag(bag) as recorded:
+        stamps = {name: {stamp_key(recorded.read(message).header.stamp)
+                         for message in recorded.messages({name})}
+                  for name in (TOPIC, '/conditioned/image_raw', '/detections')}
+    assert stamps['/detections'] <= stamps['/conditioned/image_raw'] <= stamps[TOPIC]
+    assert len(stamps['/detections']) > 30
+
+
+def test_detector_comes_back_while_the_camera_is_away(bringup, camera):
+    first = camera()
+    run = bringup(*RUN, '--condition', 'off', '--view')
+    run.wait_for_rows(2 * 30)
+    end(first)
+    run.kill('detector_node')
+    run.wait_for_restarts(1)
+    assert run.restarts()[0]['node'] == 'cdt_detector'
+    camera()
+    run.wait_for_rows(len(run.rows()) + 2 * 30)
+    out, err = interrupted(run)
+    assert err.count('it is started again') == 1
+    assert 'frames without truth' in out
+    assert run.summary()['detectors']['cdt']['tracking']['pd'] is None
+    assert (run.results / 'report.html').stat().st_size > 0
+
+
+def test_camera_that_is_not_there_ends_with_one_line(tmp_path):
+    done = run_bringup('--camera', TOPIC, '--camera-within', '0.5', '--results',
+                       str(tmp_path / 'run'))
+    assert (done.returncode, done.stdout) == (2, '')
+    assert done.stderr.startswith(f'bringup.py: {TOPIC}: nobody publishes it, and ')
+    assert f'start the camera, on ROS domain {own_domain()}' in done.stderr
+    assert done.stderr.count('\n') == 1
+    assert not (tmp_path / 'run').exists()
