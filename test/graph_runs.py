@@ -59,8 +59,12 @@ class GraphRun:
 
     def nodes(self) -> dict[str, int]:
         """Return the process ids of the nodes that run, by the last part of their module."""
+        return dict(self.processes())
+
+    def processes(self) -> list[tuple[str, int]]:
+        """Return the last part of the module, and the process id, of every node that runs."""
         marker = str(self.results).encode()
-        found = {}
+        found = []
         for entry in Path('/proc').iterdir():
             if not entry.name.isdigit() or int(entry.name) == self.process.pid:
                 continue
@@ -70,7 +74,7 @@ class GraphRun:
                 continue
             if b'-m' in words and any(marker in word for word in words):
                 module = words[words.index(b'-m') + 1].decode()
-                found[module.rpartition('.')[2]] = int(entry.name)
+                found.append((module.rpartition('.')[2], int(entry.name)))
         return found
 
     def restarts(self) -> list[dict[str, str]]:
@@ -99,7 +103,7 @@ class GraphRun:
 
     def end(self) -> None:
         """End whatever still runs, by process id."""
-        for pid in [*self.nodes().values(), self.process.pid]:
+        for pid in [*(pid for _, pid in self.processes()), self.process.pid]:
             if pid != self.process.pid or self.process.poll() is None:
                 os.kill(pid, signal.SIGKILL)
         self.process.wait()

@@ -5,11 +5,15 @@ import os
 import signal
 import time
 
+from intruder import INJECTED
+import numpy as np
 import pytest
+from run_checks import check_end
 
 NODES = ('sensor_node', 'detector_node', 'tracker_node', 'evaluator_node')
 LABELS = {'detector_node': 'cdt_detector'}
 FRAMES = 300
+DEATHS = 12
 LOCKSTEP = ('--detector', 'cdt', '--scenario', 'example3', '--snr', '12', '--loop', '--lockstep')
 
 
@@ -17,6 +21,7 @@ def end_a_node(run, module, number):
     """End a node and wait until it is back and scores come again."""
     before = len(run.restarts())
     run.kill(module, number)
+    INJECTED[f'{module} ended'] += 1
     run.wait_for_restarts(before + 1)
     run.wait_for_rows(len(run.rows()) + 20)
 
@@ -54,6 +59,27 @@ def test_every_node_comes_back(bringup, number):
     # In lockstep a node has one frame in hand when it dies; the last may be under way at the end.
     check_account(run, lost_at_most=len(NODES) + 1)
     run.wait_until_none_is_left()
+
+
+def test_any_node_may_die_at_any_frame(bringup):
+    rng = np.random.default_rng(3)
+    run = bringup('--detector', 'cdt', 'sdt', '--loop', '--lockstep')
+    run.wait_for_rows(40)
+    for number in range(DEATHS):
+        run.wait_for_rows(len(run.rows()) + 4 * int(rng.integers(1, 20)))
+        modules = sorted(run.processes())
+        module, pid = modules[rng.integers(len(modules))]
+        os.kill(pid, (signal.SIGKILL, signal.SIGTERM)[rng.integers(2)])
+        INJECTED[f'{module} ended'] += 1
+        run.wait_for_restarts(number + 1)
+    run.wait_for_rows(len(run.rows()) + 40)
+    run.process.send_signal(signal.SIGINT)
+    check_end(run, 130)
+    frames = run.summary()['frames']
+    assert frames['published'] == frames['scored'] + frames['unanswered'] + frames['unseen']
+    assert frames['unanswered'] + frames['unseen'] <= DEATHS + 1
+    assert sum(run.summary()['restarts'].values()) == DEATHS
+    assert len(run.rows()) == 4 * (frames['scored'] + frames['unanswered'])
 
 
 def test_ids_of_tracks_are_not_used_again(bringup):
