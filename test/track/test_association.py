@@ -4,10 +4,13 @@ from lowsnr_track.association import association_probabilities
 from lowsnr_track.association import gate
 from lowsnr_track.association import log_densities
 from lowsnr_track.association import log_shares
+from lowsnr_track.joint import clusters
 from lowsnr_track.measurements import Measurements
 from lowsnr_track.mmpf import uniform_cloud
 import numpy as np
 import pytest
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.stats import multivariate_normal
 from track import oracles
 
@@ -110,3 +113,17 @@ def test_huge_claims_stay_finite():
     found = beliefs(np.array([[1e300, 1e300], [1e300, 1e-300]]))
     assert np.all(np.isfinite(found))
     assert found[1, 0] <= 1.0
+
+
+def test_clusters_are_the_connected_components(rng):
+    for _ in range(300):
+        tracks, slots, detections = rng.integers(1, [12, 5, 20])
+        index = rng.integers(-1, detections, (tracks, slots))
+        track, slot = np.nonzero(index >= 0)
+        size = tracks + detections
+        graph = coo_array(
+            (np.ones(track.size), (track, tracks + index[track, slot])), shape=(size, size))
+        label = connected_components(graph, directed=False)[1][:tracks]
+        expected = [np.flatnonzero(label == each).tolist() for each in dict.fromkeys(label)]
+        found = [cluster.tolist() for cluster in clusters(index)]
+        assert found == [group for group in expected if len(group) > 1]

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from lowsnr_sensor.particles import log_sum_exp
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 _NONE = -1
 
@@ -28,14 +26,19 @@ def clusters(index: np.ndarray) -> list[np.ndarray]:
     track, slot = np.nonzero(index >= 0)
     if track.size == 0:
         return []
-    detection = index[track, slot]
-    if np.bincount(detection).max() < 2:
+    if np.bincount(index[track, slot]).max() < 2:
         return []
-    count, size = len(index), len(index) + int(detection.max()) + 1
-    graph = coo_array((np.ones(track.size), (track, count + detection)), shape=(size, size))
-    _, label = connected_components(graph, directed=False)
-    groups = [np.flatnonzero(label[:count] == each) for each in np.unique(label[:count])]
-    return [group for group in groups if len(group) > 1]
+    groups: list[tuple[set[int], list[int]]] = []  # detections and tracks
+    for number, claims in enumerate(index.tolist()):
+        found, members, apart = set(claims) - {_NONE}, [number], []
+        for group in groups:
+            if found.isdisjoint(group[0]):
+                apart.append(group)
+            else:
+                found, members = found | group[0], group[1] + members
+        groups = [*apart, (found, members)]
+    shared = sorted(sorted(members) for _, members in groups if len(members) > 1)
+    return [np.array(members) for members in shared]
 
 
 def log_marginals(log_claim: np.ndarray, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
