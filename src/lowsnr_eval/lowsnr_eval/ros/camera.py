@@ -126,7 +126,7 @@ def _described(topic: str, images: list[Image]) -> RecordedRun:
     if period_s <= 0.0:
         raise ValueError(
             f'{topic}: the stamps of its frames do not grow '
-            f'({", ".join(f"{stamp / 1e9:.9g}" for stamp in stamps_ns)} s): have the camera '
+            f'({", ".join(f"{stamp / 1e9:.14g}" for stamp in stamps_ns)} s): have the camera '
             'stamp each frame')
     rows, cols = shapes.pop()
     return RecordedRun(

@@ -144,12 +144,12 @@ class ManagedNode(SettingsNode):
         newest, verdict = timeline.newest, timeline.judge(key)
         if verdict is Verdict.LATE:
             self.counts['late'] += 1
-            self.refuse(f'{source}: stamp {key / 1e9:.9g} s is not after {newest / 1e9:.9g} s')
+            self.refuse(f'{source}: stamp {key / 1e9:.14g} s is not after {newest / 1e9:.14g} s')
         elif verdict is Verdict.SET_BACK:
             self.counts['set back'] += 1
             self.health.trouble = (
-                f'{source}: its clock was set back from {newest / 1e9:.9g} s to '
-                f'{key / 1e9:.9g} s; going on from there')
+                f'{source}: its clock was set back from {newest / 1e9:.14g} s to '
+                f'{key / 1e9:.14g} s; going on from there')
             self.get_logger().warning(self.health.trouble)
         return verdict is not Verdict.LATE
 
