@@ -72,6 +72,22 @@ def test_results_folder_that_is_removed_comes_back(bringup, restart):
     run.wait_until_none_is_left()
 
 
+def test_node_that_cannot_be_started_is_tried_again(bringup):
+    run = bringup(*RUN)
+    run.wait_for_rows(20)
+    shutil.rmtree(run.results)
+    run.results.write_text('in the way')
+    run.kill('detector_node')
+    time.sleep(3.0)
+    run.results.unlink()
+    run.wait_for_restarts(1)
+    run.wait_for_rows(len(run.rows()) + 20)
+    code, _, err = stop(run)
+    assert code == 130
+    assert 'cdt_detector cannot be started: ' in err
+    assert 'Traceback' not in err
+
+
 def test_recorder_on_a_full_disk_does_not_end_the_run(bringup, small_disk):
     run = bringup(*RUN, '--record', str(small_disk / 'bag'))
     run.wait_for_rows(20)

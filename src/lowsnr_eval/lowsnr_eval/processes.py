@@ -63,7 +63,7 @@ class ProcessGroup:
     Parameters
     ----------
     logs
-        Folder for the log files; must exist.
+        Folder for the log files, made where it is missing.
     environment
         Environment of the processes.
 
@@ -101,6 +101,7 @@ class ProcessGroup:
         for remap in node.remaps:
             command += ['-r', remap]
         path = self._logs / f'{node.label}.log'
+        path.parent.mkdir(parents=True, exist_ok=True)
         with path.open('ab') as log:
             process = self._spawn(command, log)
         member = NodeProcess(node, process, path)

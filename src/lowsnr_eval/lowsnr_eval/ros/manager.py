@@ -78,7 +78,8 @@ class Manager:
         self.restarted: Counter[str] = Counter()
         if any(node.source for node in self._services):  # else a clock is somebody else's
             self._node.create_subscription(Clock, 'clock', self._on_clock, reliable(10_000))
-        self._active: dict[str, str] = {}
+        self._paths = {node.path for node in nodes}
+        self._active: dict[str, str] = {}  # process by node
         self.statuses: dict[str, DiagnosticStatus] = {}  # the newest of each active node
         self._node.create_subscription(
             DiagnosticArray, '/diagnostics', self._on_diagnostics, reliable(100))
@@ -156,13 +157,14 @@ class Manager:
         self.newest_ns = stamp
 
     def _on_parameters(self, event: ParameterEvent) -> None:
-        self.changed.setdefault(event.node, {}).update(
-            {item.name: parameter_value_to_python(item.value)
-             for item in event.changed_parameters})
+        if event.node in self._paths:
+            self.changed.setdefault(event.node, {}).update(
+                {item.name: parameter_value_to_python(item.value)
+                 for item in event.changed_parameters})
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             values = {item.key: item.value for item in status.values}
-            if values.get('state') == 'active':
+            if status.name in self._paths and values.get('state') == 'active':
                 self._active[status.name] = values.get('process', '')
                 self.statuses[status.name] = status

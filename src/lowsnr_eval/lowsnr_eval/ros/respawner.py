@@ -22,6 +22,7 @@ RESTARTS_FILE = 'restarts.csv'
 _COLUMNS = ('frame', 'node', 'death', 'down_s')
 # A start may have to calibrate.
 _ACTIVE_WITHIN_S = 600.0
+_AGAIN_AFTER_S = 5.0
 _USAGE_ERROR = 2
 # Of what a node ends itself with, what it would end with again; a recorder on a full disk does.
 _FINAL = {'recorder': (_USAGE_ERROR, 1)}
@@ -90,26 +91,34 @@ class Respawner:
         """Start what is due, and say who is back."""
         for node, case in list(self._cases.items()):
             now_s = time.monotonic()
-            if case.process is None:
-                if now_s >= case.start_s:
-                    case.process, case.started_s = self._start(node), now_s
+            if case.process is None and now_s >= case.start_s:
+                self._start(node, case)
+            elif case.process is None:
+                continue
             elif self.manager.is_active(node, case.process.process.pid):
                 del self._cases[node]
                 self._back(node, case, now_s)
             elif now_s - case.started_s > _ACTIVE_WITHIN_S:
                 case.process.process.kill()
 
-    def _start(self, node: Node) -> NodeProcess:
-        for path, text in self.files.items():
-            if not path.exists():
-                path.parent.mkdir(parents=True, exist_ok=True)
-                path.write_text(text, encoding='utf-8')
+    def _start(self, node: Node, case: _Case) -> None:
+        """Start a node again, or try later where the disk or the machine has no room."""
         own: dict[str, object] = {
             **self.manager.changed.get(node.path, {}),
             'autostart': True, 'lives': self._deaths[node].count}
         if node.source:
             own['resume_after_ns'] = self.manager.newest_ns
-        return self.group.start(node, next(iter(self.files)), own)
+        try:
+            for path, text in self.files.items():
+                if not path.exists():
+                    path.parent.mkdir(parents=True, exist_ok=True)
+                    path.write_text(text, encoding='utf-8')
+            case.process = self.group.start(node, next(iter(self.files)), own)
+            case.started_s = time.monotonic()
+        except OSError as error:
+            case.start_s += _AGAIN_AFTER_S
+            tell(f'{node.label} cannot be started: {error.strerror}: {error.filename}; '
+                 f'trying again in {_AGAIN_AFTER_S:g} s')
 
     def _back(self, node: Node, case: _Case, now_s: float) -> None:
         self.manager.announce(node, case.death, now_s - case.started_s)

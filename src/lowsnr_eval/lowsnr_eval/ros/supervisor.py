@@ -75,11 +75,9 @@ class Supervisor:
 
     def run(self) -> tuple[int, str]:
         """Run the graph; return the exit status, and what went wrong or nothing."""
-        logs = self._folder / 'log'
-        logs.mkdir()
         before = {s: signal.signal(s, self._on_signal) for s in (signal.SIGINT, signal.SIGTERM)}
         try:
-            with ProcessGroup(logs, self._environment) as self._group:
+            with ProcessGroup(self._folder / 'log', self._environment) as self._group:
                 return self._run_processes()
         finally:
             note_losses(self._folder, *self._losses)
@@ -195,5 +193,5 @@ class Supervisor:
 
 def _texts(folder: Path) -> dict[Path, str]:
     """Return the files that nodes read when they start, the parameters first."""
-    paths = [folder / PARAMETERS_FILE, folder / PROFILE_FILE, folder / 'log' / '.keep']
-    return {path: path.read_text(encoding='utf-8') if path.exists() else '' for path in paths}
+    paths = [folder / PARAMETERS_FILE, folder / PROFILE_FILE]
+    return {path: path.read_text(encoding='utf-8') for path in paths if path.exists()}
