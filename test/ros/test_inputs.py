@@ -1,10 +1,14 @@
 """Who cannot be heard is named on both sides; time that goes back ends nothing."""
 
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import KeyValue
 from graph_runs import own_domain
+from graph_runs import ROOT
 from lowsnr_sensor.conditioner_node import ConditionerNode
 from lowsnr_sensor.ros import messages
+from lowsnr_sensor.sensor_node import SensorNode
 from lowsnr_sensor.timeline import SET_BACK_AFTER
 from lowsnr_track.tracker_node import TrackerNode
 from nav_msgs.msg import Odometry
@@ -24,6 +28,7 @@ from vision_msgs.msg import Detection2D
 from vision_msgs.msg import Detection2DArray
 
 DEPTH = QoSProfile(depth=1000)
+SCENARIO = ROOT / 'config' / 'scenarios' / 'example4.yaml'
 
 
 @pytest.fixture
@@ -158,4 +163,30 @@ def test_best_effort_camera_that_comes_late_is_heard(context, other, spin):
     header = Header(stamp=messages.stamp_from_seconds(1.0))
     camera.publish(messages.frame_to_image(np.zeros((8, 8)), header))
     spin(lambda: answers)
+    node.destroy_node()
+
+
+def test_source_in_lockstep_goes_on_with_the_word_it_waits_for_alone(context, other, spin):
+    node = SensorNode(context=context, parameter_overrides=[
+        Parameter('scenario', value=str(SCENARIO)), Parameter('lockstep', value=True)])
+    frames = []
+    other.create_subscription(Image, 'image_raw', frames.append, DEPTH)
+    publishers = {
+        topic: other.create_publisher(DiagnosticArray, topic, DEPTH)
+        for topic in ('scored', 'restarts')}
+    node.autostart()
+    spin(lambda: len(frames) == 1 and all(
+        each.get_subscription_count() for each in publishers.values()), node, other)
+    rng = np.random.default_rng(2)
+    for publisher in publishers.values():
+        for sec in (0, -5, 2, 2**31 - 1, *rng.integers(2, 2**31, 20)):
+            status = DiagnosticStatus(name='x' * 10**5, values=[KeyValue(key='', value='nan')])
+            publisher.publish(DiagnosticArray(
+                header=Header(stamp=Time(sec=int(sec), nanosec=2**32 - 1)), status=[status]))
+    publishers['scored'].publish(DiagnosticArray(header=frames[0].header))
+    spin(lambda: len(frames) == 2)
+    publishers['scored'].publish(DiagnosticArray(header=frames[0].header))  # once more
+    publishers['scored'].publish(DiagnosticArray(header=frames[1].header))
+    spin(lambda: len(frames) == 3)
+    assert node.counts['out'] == 3
     node.destroy_node()
