@@ -60,8 +60,8 @@ def record(folder: Path, options: argparse.Namespace) -> tuple[int, float, float
     from lowsnr_eval.ros.manager import CONFIGURE
     from lowsnr_eval.ros.manager import DEACTIVATE
     from lowsnr_eval.ros.manager import Manager
-    from lowsnr_sensor.ros.runtime import frame_depth
-    from lowsnr_sensor.ros.runtime import reliable
+    from lowsnr_sensor.ros.qos import frame_depth
+    from lowsnr_sensor.ros.qos import reliable
     import rclpy
     from rclpy.duration import Duration
     from sensor_msgs.msg import Image

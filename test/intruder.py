@@ -7,7 +7,7 @@ import time
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from lowsnr_sensor.ros.messages import stamp_key
-from lowsnr_sensor.ros.runtime import reliable
+from lowsnr_sensor.ros.qos import reliable
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node

@@ -4,7 +4,7 @@ from graph_runs import own_domain
 from graph_runs import start_bringup
 from intruder import INJECTED
 from intruder import Intruder
-from lowsnr_sensor.ros.runtime import reliable
+from lowsnr_sensor.ros.qos import reliable
 from machine import Machine
 from nav_msgs.msg import Odometry
 import pytest

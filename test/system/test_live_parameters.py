@@ -7,7 +7,7 @@ import time
 
 from graph_runs import own_domain
 from lowsnr_sensor.ros.messages import stamp_key
-from lowsnr_sensor.ros.runtime import reliable
+from lowsnr_sensor.ros.qos import reliable
 import pytest
 from rcl_interfaces.srv import GetParameters
 from rcl_interfaces.srv import SetParameters

@@ -11,7 +11,7 @@ from lowsnr_eval.look import TRACK
 from lowsnr_eval.look import TRUTH
 from lowsnr_sensor.ros.messages import array_to_estimates
 from lowsnr_sensor.ros.messages import stamp_key
-from lowsnr_sensor.ros.runtime import reliable
+from lowsnr_sensor.ros.qos import reliable
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest

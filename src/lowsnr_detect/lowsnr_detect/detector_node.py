@@ -15,10 +15,10 @@ from lowsnr_sensor.malformed import Malformed
 from lowsnr_sensor.node_settings import DetectionSettings
 from lowsnr_sensor.ros import messages
 from lowsnr_sensor.ros.params import declare
-from lowsnr_sensor.ros.runtime import any_reliability
-from lowsnr_sensor.ros.runtime import frame_depth
+from lowsnr_sensor.ros.qos import any_reliability
+from lowsnr_sensor.ros.qos import frame_depth
+from lowsnr_sensor.ros.qos import reliable
 from lowsnr_sensor.ros.runtime import ManagedNode
-from lowsnr_sensor.ros.runtime import reliable
 from lowsnr_sensor.ros.runtime import run
 from lowsnr_sensor.streams import stream
 from nav_msgs.msg import Odometry

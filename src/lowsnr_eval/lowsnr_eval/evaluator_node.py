@@ -16,9 +16,9 @@ from lowsnr_eval.scene import WAITING
 from lowsnr_eval.scoring import Evaluation
 from lowsnr_sensor.ros import messages
 from lowsnr_sensor.ros.params import declare
-from lowsnr_sensor.ros.runtime import any_reliability
+from lowsnr_sensor.ros.qos import any_reliability
+from lowsnr_sensor.ros.qos import reliable
 from lowsnr_sensor.ros.runtime import ManagedNode
-from lowsnr_sensor.ros.runtime import reliable
 from lowsnr_sensor.ros.runtime import run
 from nav_msgs.msg import Odometry
 from rclpy.lifecycle import LifecycleState

@@ -16,9 +16,9 @@ from lowsnr_sensor.malformed import Malformed
 from lowsnr_sensor.ros import messages
 from lowsnr_sensor.ros.lockstep import Lockstep
 from lowsnr_sensor.ros.params import declare
-from lowsnr_sensor.ros.runtime import frame_depth
+from lowsnr_sensor.ros.qos import frame_depth
+from lowsnr_sensor.ros.qos import reliable
 from lowsnr_sensor.ros.runtime import ManagedNode
-from lowsnr_sensor.ros.runtime import reliable
 from lowsnr_sensor.ros.runtime import run
 from nav_msgs.msg import Odometry
 from rclpy.duration import Duration

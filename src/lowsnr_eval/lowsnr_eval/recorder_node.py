@@ -21,7 +21,7 @@ from lowsnr_eval.bags.settings import RecordingSettings
 from lowsnr_eval.bags.writer import BagWriter
 from lowsnr_eval.ros.qos import offered_qos
 from lowsnr_sensor.ros.params import declare
-from lowsnr_sensor.ros.runtime import frame_depth
+from lowsnr_sensor.ros.qos import frame_depth
 from lowsnr_sensor.ros.runtime import ManagedNode
 from lowsnr_sensor.ros.runtime import run
 from rclpy.event_handler import SubscriptionEventCallbacks

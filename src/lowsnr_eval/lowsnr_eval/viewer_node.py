@@ -17,9 +17,9 @@ from lowsnr_eval.ros.view import scene_to_markers
 from lowsnr_sensor.records import Estimate
 from lowsnr_sensor.ros import messages
 from lowsnr_sensor.ros.params import declare
-from lowsnr_sensor.ros.runtime import any_reliability
+from lowsnr_sensor.ros.qos import any_reliability
+from lowsnr_sensor.ros.qos import reliable
 from lowsnr_sensor.ros.runtime import ManagedNode
-from lowsnr_sensor.ros.runtime import reliable
 from lowsnr_sensor.ros.runtime import run
 from nav_msgs.msg import Odometry
 import numpy as np

@@ -14,10 +14,10 @@ from lowsnr_sensor.records import Estimate
 from lowsnr_sensor.ros import messages
 from lowsnr_sensor.ros.images import image_to_array
 from lowsnr_sensor.ros.params import declare
-from lowsnr_sensor.ros.runtime import any_reliability
-from lowsnr_sensor.ros.runtime import frame_depth
+from lowsnr_sensor.ros.qos import any_reliability
+from lowsnr_sensor.ros.qos import frame_depth
+from lowsnr_sensor.ros.qos import reliable
 from lowsnr_sensor.ros.runtime import ManagedNode
-from lowsnr_sensor.ros.runtime import reliable
 from lowsnr_sensor.ros.runtime import run
 from nav_msgs.msg import Odometry
 import numpy as np

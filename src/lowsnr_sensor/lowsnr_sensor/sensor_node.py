@@ -12,9 +12,9 @@ from lowsnr_sensor.records import Truth
 from lowsnr_sensor.ros import messages
 from lowsnr_sensor.ros.lockstep import Lockstep
 from lowsnr_sensor.ros.params import declare
-from lowsnr_sensor.ros.runtime import frame_depth
+from lowsnr_sensor.ros.qos import frame_depth
+from lowsnr_sensor.ros.qos import reliable
 from lowsnr_sensor.ros.runtime import ManagedNode
-from lowsnr_sensor.ros.runtime import reliable
 from lowsnr_sensor.ros.runtime import run
 from lowsnr_sensor.scenario import load_scenario
 from lowsnr_sensor.simulator import simulate_frame

@@ -9,8 +9,8 @@ from lowsnr_sensor.malformed import Malformed
 from lowsnr_sensor.records import Estimate
 from lowsnr_sensor.ros import messages
 from lowsnr_sensor.ros.params import declare
+from lowsnr_sensor.ros.qos import reliable
 from lowsnr_sensor.ros.runtime import ManagedNode
-from lowsnr_sensor.ros.runtime import reliable
 from lowsnr_sensor.ros.runtime import run
 from lowsnr_sensor.streams import stream
 from lowsnr_track.pda_mmpf import PdaMmpf

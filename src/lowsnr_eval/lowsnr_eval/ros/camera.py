@@ -17,7 +17,7 @@ from lowsnr_sensor.ros.connections import name_of
 from lowsnr_sensor.ros.connections import type_name
 from lowsnr_sensor.ros.images import image_to_array
 from lowsnr_sensor.ros.messages import stamp_key
-from lowsnr_sensor.ros.runtime import any_reliability
+from lowsnr_sensor.ros.qos import any_reliability
 import numpy as np
 import rclpy
 from rclpy.executors import SingleThreadedExecutor

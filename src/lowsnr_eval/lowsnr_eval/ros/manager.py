@@ -18,7 +18,9 @@ from lowsnr_eval.graph import MANAGER
 from lowsnr_eval.graph import Node as GraphNode
 from lowsnr_eval.ros.transition import PendingTransition
 from lowsnr_sensor.ros.messages import stamp_key
-from lowsnr_sensor.ros.runtime import reliable
+from lowsnr_sensor.ros.qos import reliable
+from lowsnr_sensor.timeline import Timeline
+from lowsnr_sensor.timeline import Verdict
 from rcl_interfaces.msg import ParameterEvent
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -75,6 +77,7 @@ class Manager:
         self._scored = self._node.create_subscription(
             DiagnosticArray, 'scored', self._count, reliable(10_000))
         self.published, self.newest_ns = 0, -1
+        self._timeline = Timeline()
         self.restarted: Counter[str] = Counter()
         if any(node.source for node in self._services):  # else a clock is somebody else's
             self._node.create_subscription(Clock, 'clock', self._on_clock, reliable(10_000))
@@ -144,17 +147,21 @@ class Manager:
             values=[KeyValue(key='started_s_ago', value=f'{started_s_ago:.3f}')])]))
 
     def _count(self, message: DiagnosticArray) -> None:
-        for status in message.status:
-            values = {item.key: item.value for item in status.values}
-            self.scored = max(self.scored, int(values['frame']))
-            self._detections += int(values['detections'])
-            self._tracks += int(values['tracks'])
+        try:
+            for status in message.status:
+                values = {item.key: int(item.value) for item in status.values}
+                self.scored = max(self.scored, values['frame'])
+                self._detections += values['detections']
+                self._tracks += values['tracks']
+        except (KeyError, ValueError):
+            return  # not the evaluator's
         self._on_scored(self.scored, self._detections, self._tracks)
 
     def _on_clock(self, message: Clock) -> None:
         stamp = stamp_key(message.clock)
-        self.published += stamp != self.newest_ns
-        self.newest_ns = stamp
+        if self._timeline.judge(stamp) is not Verdict.LATE:
+            self.published += 1
+            self.newest_ns = stamp
 
     def _on_parameters(self, event: ParameterEvent) -> None:
         if event.node in self._paths:

@@ -6,12 +6,12 @@ from typing import Any
 
 from lowsnr_sensor.config import changed
 from lowsnr_sensor.config import flat_values
+from lowsnr_sensor.ros.lifecycle import SteadyLifecycleNode
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.lifecycle import LifecycleNode
 from rclpy.parameter import Parameter
 
 
-class SettingsNode(LifecycleNode):
+class SettingsNode(SteadyLifecycleNode):
     """
     A lifecycle node whose parameters are settings.
 

@@ -7,8 +7,8 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticArray
 from lowsnr_sensor.ros.messages import stamp_key
+from lowsnr_sensor.ros.qos import reliable
 from lowsnr_sensor.ros.runtime import ManagedNode
-from lowsnr_sensor.ros.runtime import reliable
 
 # Whoever hands frames and truth on to where they are scored: what it had in hand is lost with it.
 _ON_THE_WAY = ('/evaluator', '/conditioner')

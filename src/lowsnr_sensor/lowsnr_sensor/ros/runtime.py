@@ -32,10 +32,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.qos import QoSProfile
-from rclpy.qos import ReliabilityPolicy
 from rclpy.timer import Timer
 
-_FRAME_BYTES = 256 * 2**20
 _PEERS_WITHIN_S, _THROTTLE_S = 20.0, 5.0
 FAILED, USAGE_ERROR, TERMINATED = 1, 2, 128 + signal.SIGTERM
 
@@ -84,6 +82,17 @@ class ManagedNode(SettingsNode):
             each.begin()
         self._report_soon()
         return super().on_activate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Leave all topics, so that the node can be configured anew."""
+        for each in self._inputs:
+            self.destroy_subscription(each.subscription)
+        for publisher in self.outputs:
+            self.destroy_lifecycle_publisher(publisher)
+        for timer in {*self.timers} - {self._diagnostics_timer}:
+            self.destroy_timer(timer)
+        self._inputs, self.outputs = [], {}
+        return super().on_cleanup(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop answering, and say the last counts."""
@@ -192,21 +201,6 @@ class ManagedNode(SettingsNode):
         done = TransitionCallbackReturn.SUCCESS
         return not self.settings.autostart or (
             self.trigger_configure() == done and self.trigger_activate() == done)
-
-
-def reliable(depth: int) -> QoSProfile:
-    """Return the QoS of everything small: reliable, the last ``depth`` kept."""
-    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE)
-
-
-def frame_depth(depth: int, rows: int, cols: int) -> int:
-    """Return how many frames are kept: ``depth``, or what 256 MiB hold of large ones."""
-    return max(2, min(depth, _FRAME_BYTES // max(1, 4 * rows * cols)))
-
-
-def any_reliability(depth: int) -> QoSProfile:
-    """Return the QoS of a frame reader: takes a reliable or a best-effort camera."""
-    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_AVAILABLE)
 
 
 def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> None:
