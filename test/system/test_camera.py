@@ -11,6 +11,7 @@ from graph_runs import ROOT
 from graph_runs import run_bringup
 from lowsnr_eval.bags.reader import Bag
 from lowsnr_sensor.ros.messages import stamp_key
+import psutil
 import pytest
 
 TOPIC = '/camera/image_raw'
@@ -48,6 +49,13 @@ def end(process):
     """Unplug a camera."""
     process.kill()
     process.wait()
+
+
+def hearing(pid):
+    """Return the addresses at which a process hears other nodes."""
+    first = 7400 + 250 * own_domain()  # of the ports of a domain
+    bound = [item.laddr for item in psutil.Process(pid).net_connections('udp4')]
+    return {address.ip for address in bound if first <= address.port < first + 250}
 
 
 def interrupted(run):
@@ -100,6 +108,7 @@ def test_detector_comes_back_while_the_camera_is_away(bringup, camera):
     first = camera()
     run = bringup(*RUN, '--condition', 'off', '--view')
     run.wait_for_rows(2 * 30)
+    assert hearing(run.process.pid) == {'127.0.0.1'}
     end(first)
     run.kill('detector_node')
     run.wait_for_restarts(1)

@@ -74,16 +74,16 @@ def _node() -> Iterator[Node]:
         added = middleware_environment(os.environ, Path(folder), 0)
         os.environ |= added
         context = rclpy.Context()
+        rclpy.init(
+            args=['--ros-args', '--enclave', f'/{MANAGER}'], context=context,
+            signal_handler_options=SignalHandlerOptions.NO)
+        node = Node(MANAGER, context=context, use_global_arguments=False)
         try:
-            rclpy.init(
-                args=['--ros-args', '--enclave', f'/{MANAGER}'], context=context,
-                signal_handler_options=SignalHandlerOptions.NO)
-            node = Node(MANAGER, context=context, use_global_arguments=False)
             yield node
-            node.destroy_node()
         finally:
+            node.destroy_node()
             context.try_shutdown()
-            for name in added:
+            for name in added:  # a run writes its own
                 del os.environ[name]
 
 
