@@ -24,7 +24,7 @@ def number(least: float, *, whole: bool = False, above: bool = False) -> Any:
             value = int(text) if whole else float(text)
         except ValueError:
             raise argparse.ArgumentTypeError(f'{text!r} is not {kind}') from None
-        if not math.isfinite(value) or value < least or (above and value == least):
+        if not least <= value < math.inf or (above and value == least):
             bound = f'above {least:g}' if above else f'of at least {least:g}'
             raise argparse.ArgumentTypeError(f'{text!r} is not {kind} {bound}')
         return value

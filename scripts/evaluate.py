@@ -87,7 +87,10 @@ def report(folder: Path) -> None:
     print(format_table(json.loads((folder / 'summary.json').read_text(encoding='utf-8'))))
     print(f'results in {folder}')
     command = shlex.join(['python', 'scripts/evaluate.py', *sys.argv[1:]])
-    print(f'report: {write_run_report(folder, command)}')
+    try:
+        print(f'report: {write_run_report(folder, command)}')
+    except (OSError, ValueError) as error:
+        print(f'evaluate.py: no report: {" ".join(str(error).split())}', file=sys.stderr)
 
 
 if __name__ == '__main__':

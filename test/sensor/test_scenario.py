@@ -162,5 +162,16 @@ def test_folder_and_binary_file_are_refused(tmp_path):
         load_scenario(tmp_path)
     path = tmp_path / 'noise.yaml'
     path.write_bytes(bytes(range(256)))
-    with pytest.raises(ValueError, match=r'noise\.yaml: not YAML'):
+    with pytest.raises(ValueError, match=r'noise\.yaml: is not YAML'):
+        load_scenario(path)
+
+
+@pytest.mark.parametrize(('change', 'said'), [
+    (('last_frame: 12', 'last_frame: 1000000000000'), 'last_frame = 1000000000000'),
+    (('last_frame: 12', 'last_frame: 999999'), 'must be of at most 10000'),
+])
+def test_what_would_never_end_is_refused(tmp_path, change, said):
+    path = tmp_path / 'endless.yaml'
+    path.write_text(RANDOM.replace(*change))
+    with pytest.raises(ValueError, match=said):
         load_scenario(path)

@@ -20,7 +20,9 @@ from lowsnr_eval.graph import settings_classes
 from lowsnr_sensor.config import check_values
 from lowsnr_sensor.config import declared_settings
 from lowsnr_sensor.config import flatten
-import yaml
+from lowsnr_sensor.text import load_yaml
+from lowsnr_sensor.text import one_line
+from lowsnr_sensor.text import read_yaml
 
 CONFIG_FILES = (
     'common.yaml', 'conditioner.yaml', 'detectors.yaml', 'tracker.yaml', 'evaluator.yaml')
@@ -48,19 +50,14 @@ def load_config(folder: Path) -> dict[str, dict[str, Any]]:
     """
     config: dict[str, dict[str, Any]] = {}
     for path in (folder / name for name in CONFIG_FILES):
-        try:
-            tree = yaml.safe_load(path.read_text(encoding='utf-8')) or {}
-        except OSError as error:
-            raise ValueError(f'{path}: cannot be read: {error.strerror}') from None
-        except (yaml.YAMLError, UnicodeDecodeError) as error:
-            raise ValueError(f'{path}: not YAML: {" ".join(str(error).split())}') from None
+        tree = read_yaml(path) or {}
         if not isinstance(tree, Mapping):
             raise ValueError(f'{path}: must be a mapping of nodes to {KEY}')
         for section, body in tree.items():
             try:
                 name, values = _check_section(str(section), body)
             except ValueError as error:
-                raise ValueError(f'{path}: {section}: {error}') from None
+                raise ValueError(f'{path}: {one_line(f"{section}: {error}")}') from None
             config.setdefault(name, {}).update(values)
     return config
 
@@ -105,13 +102,13 @@ def parse_override(text: str, detectors: Iterable[str]) -> tuple[str, dict[str, 
     target, equals, value = text.partition('=')
     node, dot, key = target.partition('.')
     if not (equals and dot and key):
-        raise ValueError(f'--set {text}: must read NODE.PARAMETER=VALUE')
+        raise ValueError(f'--set {one_line(text)}: must read NODE.PARAMETER=VALUE')
     names = {name: f'{name}_detector' for name in detectors} | {
         name: name for name in SETTINGS}
     if node not in names:
-        raise ValueError(f'--set {text}: {node} is not one of {", ".join(names)}')
+        raise ValueError(
+            f'--set {one_line(text)}: {one_line(node)} is not one of {", ".join(names)}')
     try:
-        parsed = yaml.safe_load(value)
-        return names[node], _check_keys(names[node], {key: parsed})
-    except (ValueError, yaml.YAMLError) as error:
-        raise ValueError(f'--set {text}: {" ".join(str(error).split())}') from None
+        return names[node], _check_keys(names[node], {key: load_yaml(value)})
+    except ValueError as error:
+        raise ValueError(f'--set {one_line(text)}: {one_line(error)}') from None

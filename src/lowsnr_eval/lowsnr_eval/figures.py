@@ -117,7 +117,8 @@ def single_run(
         measure, level = measures[number // 2], ('detection', 'tracking')[number % 2]
         for n, name in enumerate(names):
             curve = curves.get((name, level, measure), np.array([]))
-            axes.plot(np.arange(1, len(curve) + 1), curve, label=name, linewidth=0.8, **_look(n))
+            label = name.replace('$', r'\$')  # which would begin a formula
+            axes.plot(np.arange(1, len(curve) + 1), curve, label=label, linewidth=0.8, **_look(n))
             axes.set_xlim(0.5, len(curve) + 0.5)
         for stretch in np.split(np.array(present), np.flatnonzero(np.diff(present) > 1) + 1):
             if stretch.size:

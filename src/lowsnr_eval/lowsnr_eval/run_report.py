@@ -18,12 +18,19 @@ from lowsnr_eval.results import SUMMARY_FILE
 from lowsnr_eval.scene import read_scene
 from lowsnr_eval.scene import SCENE_FILE
 from lowsnr_eval.table import format_table
+from lowsnr_sensor.text import one_line
 import numpy as np
 
 REPORT_FILE = 'report.html'
 PARAMETERS_FILE = 'parameters.yaml'
 # More dots than these are a grey cloud and a large file.
 _MOST_DOTS = 250
+# Lines may be missing; but what is as long as a number says must not be beyond all memory.
+_MOST_FRAMES_A_LINE = 1000
+# What results that are not those of a run may raise.
+_DAMAGED = (
+    OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, MemoryError,
+    RecursionError, csv.Error)
 _MEASURES = ('hits', 'rmse_position_m', 'rmse_velocity_mps', 'gospa_m')
 
 
@@ -44,7 +51,23 @@ def write_run_report(folder: Path, command: str) -> Path:
     Path
         The report.
 
+    Raises
+    ------
+    ValueError
+        One line, if what the folder holds is damaged.
+
     """
+    try:
+        page = _page(folder, command)
+    except _DAMAGED as error:
+        raise ValueError(f'{folder}: holds no results that can be shown: '
+                         f'{type(error).__name__} {one_line(error)}') from None
+    path = folder / REPORT_FILE
+    path.write_text(page, encoding='utf-8', errors='replace')
+    return path
+
+
+def _page(folder: Path, command: str) -> str:
     summary = json.loads((folder / SUMMARY_FILE).read_text(encoding='utf-8'))
     sections, script = [], ''
     if (folder / SCENE_FILE).is_file():
@@ -62,9 +85,7 @@ def write_run_report(folder: Path, command: str) -> Path:
         sections.append(pages.section(
             'Parameters', pages.folded(PARAMETERS_FILE, pages.preformatted(text))))
     title = f'{summary["scenario"]}: {", ".join(summary["detectors"])}'
-    path = folder / REPORT_FILE
-    path.write_text(pages.page(title, sections, script), encoding='utf-8')
-    return path
+    return pages.page(title, sections, script)
 
 
 def _curves(folder: Path, names: list[str]) -> Markup:
@@ -72,8 +93,11 @@ def _curves(folder: Path, names: list[str]) -> Markup:
     read: dict[tuple[str, str, str], dict[int, float]] = defaultdict(dict)
     present, count = set(), 0
     with (folder / FRAMES_FILE).open(encoding='utf-8', newline='') as file:
-        for row in csv.DictReader(file):
+        reader = csv.DictReader(file)
+        for row in reader:
             count = int(row['frame'])
+            if not 0 < count <= _MOST_FRAMES_A_LINE * reader.line_num:
+                raise ValueError(f'{FRAMES_FILE}: line {reader.line_num}: frame {count}')
             if int(row['objects'] or 0):
                 present.add(count)
             for measure in _MEASURES:

@@ -69,9 +69,9 @@ def _convert(value: Any, kind: Any) -> Any:
             return None
         items = tuple(_convert(item, get_args(kind)[0]) for item in value)
         return None if any(item is None for item in items) else items
-    if kind is float:
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
-            return None
+    if type(value) is int and value.bit_length() > 63:  # more than a ROS parameter can hold
+        return None
+    if kind is float and isinstance(value, (int, float)) and not isinstance(value, bool):
         return float(value) if math.isfinite(value) else None
     return value if type(value) is kind else None
 

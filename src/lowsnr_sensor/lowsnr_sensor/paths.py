@@ -15,9 +15,11 @@ from lowsnr_sensor.motion import VEL
 import numpy as np
 import scipy
 
+MOST_FRAMES = 1_000_000
 # Random paths are drawn many at a time, and the first that fits is taken.
 _DRAWS = 200
 _MOST_ROUNDS = 50
+_MOST_RANDOM_FRAMES = 10_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +39,8 @@ class Start:
 class Leg:
     """One leg of a manoeuvre, up to and including a frame."""
 
-    until_frame: int = setting(1, 'last frame that the leg leads to', ge=1)
+    until_frame: int = setting(
+        1, 'last frame that the leg leads to', ge=1, le=MOST_FRAMES)
     speed_mps: float = setting(0.5, 'speed [m/s]', ge=0.0)
     turn_rate_deg_s: float = setting(
         0.0, 'turn rate, from x towards y [deg/s]', ge=-360.0, le=360.0)
@@ -50,7 +53,7 @@ class Leg:
 class Waypoint:
     """Where the object is in a frame."""
 
-    frame: int = setting(1, 'frame', ge=1)
+    frame: int = setting(1, 'frame', ge=1, le=MOST_FRAMES)
     x_m: float = setting(0.0, 'position along the columns [m]')
     y_m: float = setting(0.0, 'position along the rows, down [m]')
 
@@ -147,9 +150,12 @@ def path_at_random(
     Raises
     ------
     ValueError
-        If no path fits into the frame.
+        If the path is too long, or none fits into the frame.
 
     """
+    if count > _MOST_RANDOM_FRAMES:
+        raise ValueError(
+            f'a random path of {count} frames, must be of at most {_MOST_RANDOM_FRAMES}')
     low = np.full(2, -cell_size_m / 2)
     high = np.array(extent_m) - cell_size_m / 2
     for _ in range(_MOST_ROUNDS):
@@ -157,17 +163,23 @@ def path_at_random(
         states[:, POS] = rng.uniform(low, high, (_DRAWS, 2))
         states[:, VEL] = motion.draw_velocity((_DRAWS,), rng)
         modes = rng.integers(motion.count, size=_DRAWS)
-        steps = [states]
-        while len(steps) < count:
+        steps, fits = [states], np.ones(_DRAWS, dtype=bool)
+        while len(steps) < count and fits.any():
             modes = motion.switch(modes, period_s, rng)
             steps.append(motion.move(steps[-1], modes, period_s, rng))
-        paths = np.stack(steps, axis=1)
-        speed = np.linalg.norm(paths[..., VEL], axis=-1)
-        fits = np.all((paths[..., POS] >= low) & (paths[..., POS] < high), axis=(1, 2))
-        fits &= np.all(
-            (speed >= motion.min_speed_mps) & (speed <= motion.max_speed_mps), axis=1)
+            fits &= _fits(steps[-1], motion, low, high)
+        fits &= _fits(steps[0], motion, low, high)
         if fits.any():
-            return paths[fits.argmax()]
+            return np.stack([states[fits.argmax()] for states in steps])
     raise ValueError(
         f'no random path of {count} frames fits into a frame of '
         f'{extent_m[0]:g} x {extent_m[1]:g} m at these speeds')
+
+
+def _fits(
+    states: np.ndarray, motion: MotionModes, low: np.ndarray, high: np.ndarray,
+) -> np.ndarray:
+    """Return which states (n, 4) are in the frame and within the speed limits, (n,) of bool."""
+    place, speed = states[:, POS], np.linalg.norm(states[:, VEL], axis=-1)
+    inside = np.all((place >= low) & (place < high), axis=-1)
+    return inside & (speed >= motion.min_speed_mps) & (speed <= motion.max_speed_mps)

@@ -20,14 +20,16 @@ from lowsnr_sensor.config import check_values
 from lowsnr_sensor.config import setting
 from lowsnr_sensor.motion import MotionModes
 from lowsnr_sensor.paths import Leg
+from lowsnr_sensor.paths import MOST_FRAMES
 from lowsnr_sensor.paths import path_along_legs
 from lowsnr_sensor.paths import path_at_random
 from lowsnr_sensor.paths import path_through_waypoints
 from lowsnr_sensor.paths import Start
 from lowsnr_sensor.paths import Waypoint
 from lowsnr_sensor.records import Truth
+from lowsnr_sensor.text import one_line
+from lowsnr_sensor.text import read_yaml
 import numpy as np
-import yaml
 
 T = TypeVar('T')
 
@@ -37,8 +39,9 @@ class ScenarioObject:
     """One object: when it is there, how bright it is, how it moves."""
 
     id: str = setting('object', 'name of the object, its id in ground_truth')  # noqa: A003
-    first_frame: int = setting(1, 'frame in which it appears', ge=1)
-    last_frame: int = setting(1, 'last frame in which it is present', ge=1)
+    first_frame: int = setting(1, 'frame in which it appears', ge=1, le=MOST_FRAMES)
+    last_frame: int = setting(
+        1, 'last frame in which it is present', ge=1, le=MOST_FRAMES)
     snr_offset_db: float = setting(
         0.0, "its SNR less the scenario's [dB]", ge=-60.0, le=60.0)
     start: Start | None = None
@@ -50,6 +53,8 @@ class ScenarioObject:
         check_settings(self)
         if not self.id:
             raise ValueError('id is empty, must be a name')
+        if not self.id.isprintable():  # and could not be sent as it is
+            raise ValueError(f'id = {self.id!r}, must be of printable characters')
         if self.last_frame < self.first_frame:
             raise ValueError(f'last_frame = {self.last_frame}, must be at least first_frame')
         if sum(map(bool, (self.legs, self.waypoints, self.random))) != 1:
@@ -84,7 +89,7 @@ class Scenario:
     """Frame size, length, SNR and the objects."""
 
     description: str = setting('', 'what the scenario shows')
-    frames: int = setting(40, 'number of frames K', ge=1, le=1_000_000)
+    frames: int = setting(40, 'number of frames K', ge=1, le=MOST_FRAMES)
     rows: int = setting(20, 'rows of a frame', ge=1, le=16384)
     cols: int = setting(20, 'columns of a frame', ge=1, le=16384)
     snr_db: float = setting(6.0, 'SNR of the objects [dB]', ge=-30.0, le=80.0)
@@ -153,16 +158,12 @@ def load_scenario(path: Path, period_s: float = 1.0, cell_size_m: float = 1.0) -
         trajectory without process noise leaves the frame.
 
     """
+    tree = read_yaml(path)
     try:
-        tree = yaml.safe_load(path.read_text(encoding='utf-8'))
         scenario = _parse(Scenario, tree, '')
         _check_inside(scenario, period_s, cell_size_m)
-    except OSError as error:
-        raise ValueError(f'{path}: cannot be read: {error.strerror}') from None
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
-        raise ValueError(f'{path}: not YAML: {" ".join(str(error).split())}') from None
     except ValueError as error:
-        raise ValueError(f'{path}: {error}') from None
+        raise ValueError(f'{path}: {one_line(error)}') from None
     return scenario
 
 
@@ -201,7 +202,7 @@ def _check_inside(scenario: Scenario, period_s: float, cell_size_m: float) -> No
         if scenario.acceleration_density > 0.0:
             continue
         pixel = path[:, [0, 2]] / cell_size_m
-        outside = np.any((pixel < -0.5) | (pixel >= limit), axis=1)
+        outside = ~np.all((pixel >= -0.5) & (pixel < limit), axis=1)  # also where not a number
         if outside.any():
             k = int(outside.argmax())
             x, y = pixel[k]

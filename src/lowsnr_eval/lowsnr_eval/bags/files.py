@@ -11,8 +11,9 @@ import re
 from typing import Any
 
 from lowsnr_eval.bags.writer import METADATA_FILE
+from lowsnr_sensor.text import one_line
+from lowsnr_sensor.text import read_yaml
 from rosbags.rosbag2.reader import zstd
-import yaml
 
 _INFORMATION = 'rosbag2_bagfile_information'
 _SUFFIXES = ('.mcap', '.db3', '.mcap.zstd', '.db3.zstd')
@@ -63,11 +64,12 @@ def find_files(path: Path) -> BagFiles:
         return _from_metadata(path, metadata)
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(
-            f'{metadata}: is not the metadata of a bag: {type(error).__name__} {error}') from None
+            f'{metadata}: is not the metadata of a bag: '
+            f'{type(error).__name__} {one_line(error)}') from None
 
 
 def _from_metadata(folder: Path, metadata: Path) -> BagFiles:
-    information = _load(metadata)[_INFORMATION]
+    information = read_yaml(metadata)[_INFORMATION]
     paths = [_inside(folder, str(name), metadata) for name in information['relative_file_paths']]
     compression = str(information.get('compression_mode') or '').lower()
     if compression not in _COMPRESSIONS:
@@ -77,15 +79,6 @@ def _from_metadata(folder: Path, metadata: Path) -> BagFiles:
         raise ValueError(f'{metadata}: compression format {form!r} is not known')
     custom = {str(key): str(text) for key, text in (information.get('custom_data') or {}).items()}
     return BagFiles(paths, compression.replace('none', ''), custom)
-
-
-def _load(metadata: Path) -> dict[str, Any]:
-    try:
-        return yaml.safe_load(metadata.read_text(encoding='utf-8'))
-    except OSError as error:
-        raise ValueError(f'{metadata}: cannot be read: {error.strerror}') from None
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
-        raise ValueError(f'{metadata}: is not YAML: {" ".join(str(error).split())}') from None
 
 
 def _inside(folder: Path, name: str, source: Path) -> Path:
@@ -116,6 +109,6 @@ def unpack(source: Path, target: Path) -> str:
         with zstd.open(source, 'rb') as packed, target.open('wb') as plain:
             while block := packed.read(_BLOCK):
                 plain.write(block)
-    except (zstd.ZstdError, EOFError) as error:
-        return f'{source}: {error}'
+    except (zstd.ZstdError, EOFError, OSError) as error:  # it may also be too large for the disk
+        return f'{source}: {one_line(error)}'
     return ''

@@ -11,12 +11,21 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 import re
+import struct
+import tokenize
 import zipfile
+import zlib
 
+from lowsnr_sensor.text import one_line
 import numpy as np
 
 IMAGE_ENDINGS = ('.png', '.tif', '.tiff', '.fits', '.fit', '.fts')
 _FITS = ('.fits', '.fit', '.fts')
+# What reading a file that holds anything at all may raise.
+UNREADABLE = (
+    OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, MemoryError,
+    RuntimeError, SyntaxError, EOFError, AssertionError, struct.error, zlib.error,
+    tokenize.TokenError, zipfile.BadZipFile)
 _GREY = 'colour frames are turned to grey'
 
 
@@ -69,8 +78,8 @@ def _archive(path: Path) -> Recording:
     try:
         with path.open('rb') as file, np.load(file, allow_pickle=False) as archive:
             arrays = {key: archive[key] for key in ('frames', 'truth', 't_s') if key in archive}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise ValueError(f'{path}: cannot be read: {" ".join(str(error).split())}') from None
+    except UNREADABLE as error:
+        raise ValueError(f'{path}: cannot be read: {one_line(error)}') from None
     if 'frames' not in arrays:
         raise ValueError(f'{path}: has no array frames')
     frames, truth, times_s = arrays['frames'], arrays.get('truth'), arrays.get('t_s')
@@ -109,13 +118,15 @@ def _image(path: Path, remarks: list[str]) -> np.ndarray:
         from astropy.io import fits  # slow to import, and rarely needed
         try:
             data = fits.getdata(path)
-        except (OSError, ValueError, TypeError, IndexError) as error:
-            raise ValueError(
-                f'{path}: not a FITS image: {" ".join(str(error).split())}') from None
+        except (*UNREADABLE, fits.VerifyError) as error:
+            raise ValueError(f'{path}: not a FITS image: {one_line(error)}') from None
         return np.asarray(data)
     import cv2
-    data = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED) \
-        if path.stat().st_size else None
+    try:
+        data = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED) \
+            if path.stat().st_size else None
+    except (OSError, cv2.error) as error:
+        raise ValueError(f'{path}: not an image: {one_line(error)}') from None
     if data is None:
         raise ValueError(f'{path}: not an image')
     return _grey(np.asarray(data), remarks)

@@ -20,13 +20,14 @@ from lowsnr_eval.bags.definitions import type_definition
 from lowsnr_eval.bags.files import BagFiles
 from lowsnr_eval.bags.files import find_files
 from lowsnr_eval.bags.files import unpack
+from lowsnr_eval.bags.packing import unpacked
 from lowsnr_eval.bags.salvage import BROKEN
 from lowsnr_eval.bags.salvage import MCAP_MAGIC
 from lowsnr_eval.bags.salvage import roll_back
 from lowsnr_eval.bags.salvage import SalvagedMcap
 from lowsnr_eval.bags.salvage import SalvagedSqlite3
 from lowsnr_eval.bags.salvage import SQLITE_MAGIC
-from rosbags.rosbag2.reader import zstd
+from lowsnr_sensor.text import one_line
 from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 from rosbags.typesys import get_types_from_msg
@@ -80,6 +81,9 @@ class Bag:
             self.close()
             raise
         for connection in (item for _, reader in self._storages for item in reader.connections):
+            if not (connection.topic.isprintable() and connection.msgtype.isprintable()):
+                self.notes.append(f'{path}: leaves out the topic {connection.topic!r}')
+                continue
             self.topics.setdefault(connection.topic, connection.msgtype)
             if connection.digest:
                 self._digests.setdefault(connection.msgtype, connection.digest)
@@ -104,7 +108,7 @@ class Bag:
             count = 0
             try:
                 for connection, logged_ns, data in _read(reader, wanted):
-                    plain = zstd.decompress(data) if self._packed else data
+                    plain = unpacked(data) if self._packed else data
                     yield Message(connection.topic, logged_ns, plain)
                     count += 1
             except BROKEN as error:
@@ -199,4 +203,4 @@ def _typestore(msgtype: str) -> Typestore:
 
 
 def _say(error: BaseException) -> str:
-    return ' '.join(str(error).split()).rstrip('.') or type(error).__name__
+    return one_line(error).rstrip('.') or type(error).__name__

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +16,8 @@ from lowsnr_eval.bags.replaying import ARRAY
 from lowsnr_eval.judge import TRUTH
 from lowsnr_eval.run_settings import RunSettings
 from lowsnr_eval.scoring import Evaluation
+from lowsnr_sensor.node_settings import NodeSettings
+from lowsnr_sensor.text import one_line
 
 _LEVELS = ('detections', 'tracks')
 
@@ -67,16 +70,16 @@ def find_chains(
     truth = bag.topics.get(truth_topic) == ARRAY
     if not truth and not any(bag.topics.get(f'{space}/{_LEVELS[0]}') == ARRAY for space in spaces):
         raise ValueError(f'{bag.path}: has neither truth nor detections')
-    known = dict(zip(_spaces_of(evaluator), evaluator.get('detectors', ())))
-    names = {space: str(known.get(space) or space.strip('/').replace('/', '.') or 'recorded')
-             for space in spaces}
+    for cls in (NodeSettings, RunSettings):
+        graph.build(cls, evaluator, f'{bag.path}: evaluator')
+    names = _names(spaces, dict(zip(_spaces_of(evaluator), evaluator.get('detectors', ()))))
     run, evaluation = _settings(bag, config, evaluator, names, truth)
     topics = {f'{space}/{level}': f'{name}/{level}' if len(spaces) > 1 else level
               for space, name in names.items() for level in _LEVELS}
     if truth:
         topics[truth_topic] = TRUTH
     return RecordedChains(
-        run, evaluation, int(evaluator.get('seed', 0)),
+        run, evaluation, evaluator.get('seed', 0),
         {own: topic for own, topic in topics.items() if bag.topics.get(own) == ARRAY},
         frames_topic or (
             f'{prefix}image_raw' if prefix != '/' else told_frames_topic(bag, told)))
@@ -90,6 +93,17 @@ def _namespaces(bag: Bag) -> list[str]:
     if not spaces:
         raise ValueError(f'{bag.path}: has neither detections nor tracks of type {ARRAY}')
     return spaces
+
+
+def _names(spaces: Sequence[str], known: Mapping[str, str]) -> dict[str, str]:
+    """Return a name for each namespace, the one that its chain is known by; no two alike."""
+    names: dict[str, str] = {}
+    for space in spaces:
+        wanted = name = known.get(space) or space.strip('/').replace('/', '.') or 'recorded'
+        while name in names.values():
+            name = f'{wanted}-{len(names) + 1}'
+        names[space] = name
+    return names
 
 
 def _spaces_of(evaluator: Mapping[str, Any]) -> list[str]:
@@ -106,7 +120,7 @@ def _settings(
     points = dict(zip(evaluator.get('detectors', ()), evaluator.get('operating_points', ())))
     values = graph.parameters([node], config)[node.path] | dict(evaluator) | {
         'truth': truth, 'namespaces': len(names) > 1,
-        'scenario': str(evaluator.get('scenario') or bag.path.resolve().stem),
+        'scenario': one_line(evaluator.get('scenario') or bag.path.resolve().stem),
         'detectors': list(names.values()),
         'operating_points': [points.get(name, 'unknown') for name in names.values()]}
     label = f'{bag.path}: evaluator'

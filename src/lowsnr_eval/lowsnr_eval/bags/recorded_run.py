@@ -12,8 +12,9 @@ from lowsnr_eval.bags.reader import Bag
 from lowsnr_eval.bags.recording import CUSTOM_PARAMETERS
 from lowsnr_eval.bags.replaying import ARRAY
 from lowsnr_eval.bags.replaying import IMAGE
+from lowsnr_sensor.text import load_yaml
+from lowsnr_sensor.text import one_line
 import numpy as np
-import yaml
 
 _FRAMES = '/image_raw'
 
@@ -71,7 +72,7 @@ def inspect_bag(path: Path, frames_topic: str | None, truth_topic: str) -> Recor
         evaluator = parameters.get('/evaluator', {})
         steps_s = np.diff(stamps_ns) / 1e9
         return RecordedRun(
-            name=str(evaluator.get('scenario') or path.resolve().stem),
+            name=one_line(evaluator.get('scenario') or path.resolve().stem),
             frames=len(stamps_ns), rows=rows, cols=cols,
             period_s=float(np.median(steps_s)) if steps_s.size else 1.0,
             truth=truth, encoding=encoding, raw=not evaluator or '/conditioner' in parameters,
@@ -136,8 +137,9 @@ def told_frames_topic(bag: Bag, parameters: Mapping[str, Mapping[str, Any]]) -> 
 def recorded_parameters(bag: Bag) -> dict[str, dict[str, Any]]:
     """Return the parameters by node of the run that a bag was recorded from, or nothing."""
     try:
-        tree = yaml.safe_load(bag.custom.get(CUSTOM_PARAMETERS, '{}'))
-        return {str(node): dict(body['ros__parameters']) for node, body in tree.items()}
-    except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError, RecursionError):
+        tree = load_yaml(bag.custom.get(CUSTOM_PARAMETERS, '{}'))
+        return {str(node): {str(key): value for key, value in body['ros__parameters'].items()}
+                for node, body in tree.items()}
+    except (AttributeError, KeyError, TypeError, ValueError):
         bag.notes.append(f'{bag.path}: the parameters of its run cannot be read')
         return {}

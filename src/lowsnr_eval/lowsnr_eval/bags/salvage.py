@@ -25,6 +25,9 @@ BROKEN = (
     ValueError, LookupError, TypeError, AttributeError, AssertionError, ArithmeticError,
     MemoryError, RuntimeError, EOFError, struct.error)
 MCAP_MAGIC, SQLITE_MAGIC = b'\x89MCAP0\r\n', b'SQLite format 3\0'
+# A view may go on for ever.
+_TABLES = (
+    "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name IN ('topics', 'messages')")
 _HEAD = struct.Struct('<BQ')
 _HEADER, _LAST = 0x01, (0x00, 0x02, 0x0F)
 
@@ -79,6 +82,9 @@ class SalvagedSqlite3:
         self._database = sqlite3.connect(f'{self.path.resolve().as_uri()}?mode=ro', uri=True)
         # Without this a file shorter than its own first page says is not read at all.
         self._database.execute('PRAGMA writable_schema = ON')
+        (tables,), = self._database.execute(_TABLES)
+        if tables != 2:
+            raise ReaderError('it has no tables of topics and messages')
         for number, name, msgtype in self._database.execute('SELECT id, name, type FROM topics'):
             self.connections.append(Connection(
                 number, name, msgtype, MessageDefinition(MessageDefinitionFormat.NONE, ''), '', 0,

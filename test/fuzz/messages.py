@@ -1,0 +1,127 @@
+"""Messages with any values that their types allow, in whatever state of disrepair."""
+
+import array
+
+from fuzz.strategies import names
+from fuzz.strategies import numbers
+from geometry_msgs.msg import PoseWithCovariance
+from hypothesis import strategies as st
+from nav_msgs.msg import Odometry
+import numpy as np
+from sensor_msgs.msg import Image
+from std_msgs.msg import Header
+from vision_msgs.msg import BoundingBox2D
+from vision_msgs.msg import Detection2D
+from vision_msgs.msg import Detection2DArray
+from vision_msgs.msg import ObjectHypothesis
+from vision_msgs.msg import ObjectHypothesisWithPose
+
+ENCODINGS = {
+    'mono8': 1, '8UC1': 1, 'mono16': 2, '16UC1': 2, '32FC1': 4, '8SC1': 1, '16SC1': 2, '32SC1': 4,
+    '64FC1': 8, '32FC3': 12, 'rgb8': 3, 'bgra16': 8, 'bayer_rggb8': 1, 'yuv422': 2, 'jpeg': 1,
+    '32fc1': 4, ' 32FC1': 4}
+SIZES = [0, 1, 2, 3, 5, 7, 16, 255, 65536, 2**31, 2**32 - 1]
+sizes = st.sampled_from(SIZES[1:7]) | st.sampled_from(SIZES) | st.integers(0, 2**32 - 1)
+# What a cell of each kind of image may be, beside what its bytes happen to be.
+_FLOATS = np.array([0.0, 1e-45, 1e-30, 3.4e38, -3.4e38, np.nan, np.inf, -np.inf], '<f4')
+
+
+def stamped(stamp_ns: int) -> Header:
+    """Return a header with a stamp [ns]."""
+    header = Header(frame_id='sensor')
+    header.stamp.sec, header.stamp.nanosec = divmod(stamp_ns, 1_000_000_000)
+    return header
+
+
+@st.composite
+def pixels(draw: st.DrawFn, length: int, of_size: int) -> bytes:
+    """Return as many bytes: noise, all alike, or numbers with some that are none."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    how = draw(st.integers(0, 3))
+    if how == 0:
+        return rng.bytes(length)
+    if how == 1:
+        return bytes([draw(st.integers(0, 255))]) * length
+    cells = rng.standard_normal(-(-length // 4)).astype('<f4')
+    if how == 2 and cells.size:
+        cells[rng.integers(cells.size, size=2)] = _FLOATS[
+            draw(st.integers(0, len(_FLOATS) - 1))]
+    data = cells.tobytes() if of_size == 4 else rng.integers(0, 9, length, np.uint8).tobytes()
+    return data[:length]
+
+
+@st.composite
+def images(draw: st.DrawFn) -> Image:
+    """Return an image, whole in about a half of the draws."""
+    encoding = draw(st.sampled_from(['32FC1'] * 6 + list(ENCODINGS)) | names.filter(sendable))
+    item = ENCODINGS.get(encoding, 4)
+    whole = draw(st.booleans())
+    rows, cols = (draw(st.integers(1, 16) if whole else sizes) for _ in range(2))
+    step = min(cols * item, 2**32 - 1)
+    if not whole or draw(st.integers(0, 3)) == 0:
+        step = draw(st.sampled_from([0, 1, 2**32 - 1, step, min(step + 3, 2**32 - 1)]))
+    length = min(rows * step, 4096)
+    if not whole:
+        length = max(0, length + draw(st.sampled_from([-length, -4, -1, 0, 0, 1, 4, 64])))
+    data = array.array('B')
+    data.frombytes(draw(pixels(length, item)))
+    return Image(
+        height=rows, width=cols, encoding=encoding, step=step, data=data,
+        is_bigendian=draw(st.sampled_from([0, 0, 0, 1, 255])))
+
+
+def sendable(name: str) -> bool:
+    """Whether a message can hold a name as it is."""
+    return '\0' not in name
+
+
+_covariances = st.lists(numbers, min_size=4, max_size=4) | st.sampled_from([
+    [1.0, 0.0, 0.0, 1.0], [0.0] * 4, [-1.0, 0.0, 0.0, -1.0], [1.0, 2.0, 2.0, 1.0], [1e308] * 4])
+_ids = st.sampled_from(['', '1', '1', '2', 'object']) | names.filter(sendable)
+
+
+@st.composite
+def covariances(draw: st.DrawFn) -> np.ndarray:
+    """Return the 36 numbers of a covariance."""
+    full = np.zeros((6, 6))
+    full[:2, :2] = np.reshape(draw(_covariances), (2, 2))
+    return full.ravel()
+
+
+@st.composite
+def detections(draw: st.DrawFn) -> Detection2D:
+    """Return an entry of an array."""
+    x, y, score = draw(numbers), draw(numbers), draw(numbers)
+    item = Detection2D(id=draw(_ids), bbox=BoundingBox2D(size_x=draw(numbers)))
+    item.bbox.center.position.x, item.bbox.center.position.y = x, y
+    item.results = [
+        ObjectHypothesisWithPose(
+            hypothesis=ObjectHypothesis(class_id=item.id, score=score),
+            pose=PoseWithCovariance(covariance=draw(covariances())))
+        for _ in range(draw(st.sampled_from([1, 1, 1, 0, 2])))]
+    return item
+
+
+@st.composite
+def arrays(draw: st.DrawFn) -> Detection2DArray:
+    """Return an array of a few entries, or of very many."""
+    entries = draw(st.lists(detections(), max_size=5))
+    if entries and draw(st.integers(0, 40)) == 0:
+        entries = entries * draw(st.sampled_from([100, 2000 // len(entries)]))
+    return Detection2DArray(detections=entries)
+
+
+@st.composite
+def odometries(draw: st.DrawFn) -> Odometry:
+    """Return the state of an object."""
+    item = Odometry(child_frame_id=draw(_ids))
+    item.pose.pose.position.x, item.pose.pose.position.y = draw(numbers), draw(numbers)
+    item.twist.twist.linear.x, item.twist.twist.linear.y = draw(numbers), draw(numbers)
+    item.pose.covariance, item.twist.covariance = draw(covariances()), draw(covariances())
+    return item
+
+
+# Stamps that rise, stand still, fall, are before all time, or at its end.
+steps_ns = st.sampled_from([1_000_000_000] * 6 + [1, 0, -1, -10**9, 10**12, 2**61])
+stamps_ns = st.integers(1, 30).map(lambda k: k * 10**9) | st.sampled_from(
+    [0, 1, -1, -10**9, -2**31 * 10**9, 2**31 * 10**9 - 1])

@@ -1,0 +1,23 @@
+"""Images with any header and any data become an array, or are refused in one line."""
+
+from fuzz.counting import fuzz
+from fuzz.counting import tried
+from fuzz.messages import images
+from lowsnr_eval.look import stretch
+from lowsnr_sensor.ros.images import image_to_array
+from lowsnr_sensor.ros.messages import image_to_frame
+import numpy as np
+
+
+@fuzz('images', 2500, image=images())
+def test_image_becomes_an_array_or_is_refused(image):
+    array, frame = tried('', image_to_array, image), tried('', image_to_frame, image)
+    if array is not None:
+        assert array.shape == (image.height, image.width)
+        assert array.size
+        assert np.isfinite(array).all()
+    if frame is not None:
+        assert array is not None
+        assert frame.dtype == np.float64
+        np.testing.assert_array_equal(frame, array)
+        assert stretch(frame).shape == frame.shape
