@@ -12,7 +12,7 @@ FRAMES_BEFORE = 10
 @pytest.mark.parametrize(
     'victim', ['sensor_node', 'detector_node', 'tracker_node', 'evaluator_node'])
 def test_a_killed_node_is_named_and_ends_the_run(bringup, victim):
-    run = bringup('--detector', 'cdt', '--loop', '--rate', '100')
+    run = bringup('--detector', 'cdt', '--loop', '--no-respawn', '--rate', '100')
     run.wait_for_rows(2 * FRAMES_BEFORE)
     os.kill(run.nodes()[victim], signal.SIGKILL)
     code, _, err = run.finish(within_s=20.0)

@@ -120,8 +120,8 @@ def wait_for_bytes(path, count):
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
 def test_bag_is_good_after_the_recorder_was_killed(bringup, tmp_path, storage):
     bag = tmp_path / 'bag'
-    run = bringup('--detector', 'cdt', '--loop', '--rate', '100', '--record', str(bag),
-                  '--storage', storage)
+    run = bringup('--detector', 'cdt', '--loop', '--no-respawn', '--rate', '100',
+                  '--record', str(bag), '--storage', storage)
     run.wait_for_rows(2 * 250)
     scored = len(run.rows()) // 2
     os.kill(run.nodes()['recorder_node'], signal.SIGKILL)
@@ -138,7 +138,8 @@ def test_bag_is_good_after_the_recorder_was_killed(bringup, tmp_path, storage):
 
 def test_full_disk_ends_the_recording_by_name(bringup, tmp_path):
     bag = tmp_path / 'bag'
-    run = bringup('--detector', 'cdt', '--loop', '--rate', '100', '--record', str(bag))
+    run = bringup('--detector', 'cdt', '--loop', '--no-respawn', '--rate', '100',
+                  '--record', str(bag))
     run.wait_for_rows(2 * 20)
     most = 500_000
     resource.prlimit(run.nodes()['recorder_node'], resource.RLIMIT_FSIZE, (most, most))

@@ -35,7 +35,7 @@ class SteadyLifecycleNode(LifecycleNode):
         return explained
 
     # The service calls this by its private name; there is no other way in.
-    def _LifecycleNodeMixin__on_change_state(self, request: Any, response: Any) -> Any:  # noqa: N802
+    def _LifecycleNodeMixin__on_change_state(self, request: Any, response: Any) -> Any:
         try:
             return super()._LifecycleNodeMixin__on_change_state(request, response)
         except RuntimeError:
