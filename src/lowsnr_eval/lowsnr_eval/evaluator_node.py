@@ -66,6 +66,12 @@ class EvaluatorNode(ManagedNode):
         self._settle()
         return super().on_deactivate(state)
 
+    def destroy_node(self) -> None:
+        """Leave a summary of all that was scored, whatever ends the node."""
+        if judge := getattr(self, '_judge', None):
+            judge.settle()
+        super().destroy_node()
+
     def _on_array(self, topic: str, message: Detection2DArray) -> None:
         entries = messages.array_to_sound_estimates(
             message, self.evaluation.sensor.cell_size_m)
