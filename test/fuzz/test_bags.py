@@ -170,7 +170,7 @@ def config(monkeypatch):
     monkeypatch.setattr(pages, 'versions', lambda: pages.Markup('versions'))
 
 
-@fuzz('damaged bags', 400, files=bags())
+@fuzz('damaged bags', 240, files=bags())
 def test_damaged_bag_is_used_or_refused(place, files):
     tell_all(place, files)
 
@@ -198,7 +198,7 @@ def told(draw):
     return yaml.safe_dump(tree).replace('PLACE', draw(nasty | st.sampled_from(HOSTILE).map(repr)))
 
 
-@fuzz('what bags tell', 200, text=told(), storage=st.sampled_from(sorted(STORAGES)))
+@fuzz('what bags tell', 120, text=told(), storage=st.sampled_from(sorted(STORAGES)))
 def test_bag_may_tell_anything(place, text, storage):
     tell_all(place, shipped(storage) | {'metadata.yaml': retold(storage, text)})
 
@@ -210,7 +210,7 @@ def retold(storage, text):
     return yaml.safe_dump(tree).encode()
 
 
-@fuzz('names of topics', 80, first=names.filter(sendable), second=names.filter(sendable),
+@fuzz('names of topics', 48, first=names.filter(sendable), second=names.filter(sendable),
       storage=st.sampled_from(sorted(STORAGES)))
 def test_topics_may_be_called_anything(place, first, second, storage):
     shutil.rmtree(place / 'bag', ignore_errors=True)

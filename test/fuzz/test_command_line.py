@@ -59,7 +59,7 @@ def parsed(script, arguments):
     return None
 
 
-@fuzz('command lines', 1500, command=commands())
+@fuzz('command lines', 900, command=commands())
 def test_arguments_are_taken_or_refused(command):
     parsed(*command)
 
@@ -71,7 +71,7 @@ def config(monkeypatch):
     monkeypatch.setattr(run_plan, 'load_config', lambda folder: whole_config)
 
 
-@fuzz('planned runs', 300, command=commands((bringup,)))
+@fuzz('planned runs', 180, command=commands((bringup,)))
 def test_run_is_planned_or_refused(config, place, monkeypatch, command):
     monkeypatch.chdir(place)
     options = parsed(*command)
@@ -84,7 +84,7 @@ def test_run_is_planned_or_refused(config, place, monkeypatch, command):
         assert Path(plan.name).name == plan.name
 
 
-@fuzz('domains', 300, number=wild_names.filter(lambda text: '\0' not in text) | values)
+@fuzz('domains', 180, number=wild_names.filter(lambda text: '\0' not in text) | values)
 def test_domain_is_claimed_or_refused(monkeypatch, number):
     with monkeypatch.context() as patch:
         patch.setenv('ROS_DOMAIN_ID', number.replace('\0', '').encode(

@@ -88,14 +88,14 @@ def converted(place, source, truth=None, **options):
     return convert.write(open_recording(source), argparse.Namespace(truth=truth, **given))
 
 
-@fuzz('npz archives', 700, data=archives, period=st.none() | numbers.filter(lambda n: n > 0.0))
+@fuzz('npz archives', 420, data=archives, period=st.none() | numbers.filter(lambda n: n > 0.0))
 def test_archive_is_converted_or_refused(place, data, period):
     path = place / 'frames.npz'
     path.write_bytes(data)
     tried('', converted, place, path, None)
 
 
-@fuzz('images of a folder', 600, ending=st.sampled_from(sorted(IMAGES)), data=st.data())
+@fuzz('images of a folder', 360, ending=st.sampled_from(sorted(IMAGES)), data=st.data())
 def test_image_is_converted_or_refused(place, ending, data):
     spoilt = data.draw(damaged(IMAGES[ending]))
     (place / 'frames').mkdir(exist_ok=True)
@@ -111,7 +111,7 @@ tables = st.lists(st.lists(cells, min_size=1, max_size=5), max_size=4).map(
     lambda rows: '\n'.join(','.join(row) for row in rows))
 
 
-@fuzz('tables of truth', 1000, data=damaged(TABLE) | tables.map(
+@fuzz('tables of truth', 600, data=damaged(TABLE) | tables.map(
     lambda text: (TABLE.decode().split('\n')[0] + '\n' + text).encode('utf-8', 'replace')))
 def test_table_of_truth_is_read_or_refused(place, data):
     path = place / 'truth.csv'
@@ -150,7 +150,7 @@ def undrawn(monkeypatch):
     monkeypatch.setattr(pages, 'versions', lambda: pages.Markup('versions'))
 
 
-@fuzz('results folders', 600, name=st.sampled_from(
+@fuzz('results folders', 360, name=st.sampled_from(
     ['summary.json', 'frames.csv', 'scene.jsonl', 'frames.f32']), data=st.data())
 def test_report_of_damaged_results_is_written_or_refused(place, results, undrawn, name, data):
     for other, whole_file in results.items():
@@ -161,7 +161,7 @@ def test_report_of_damaged_results_is_written_or_refused(place, results, undrawn
     tried(place, write_run_report, place, 'again')
 
 
-@fuzz('names in a report', 300, name=names.filter(lambda name: len(name) < 255))
+@fuzz('names in a report', 180, name=names.filter(lambda name: len(name) < 255))
 def test_names_stay_inert_in_a_report(place, undrawn, name):
     for path in place.iterdir():
         path.unlink()

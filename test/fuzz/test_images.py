@@ -9,7 +9,7 @@ from lowsnr_sensor.ros.messages import image_to_frame
 import numpy as np
 
 
-@fuzz('images', 2500, image=images())
+@fuzz('images', 1500, image=images())
 def test_image_becomes_an_array_or_is_refused(image):
     array, frame = tried('', image_to_array, image), tried('', image_to_frame, image)
     if array is not None:

@@ -102,7 +102,7 @@ def told_on(*topics):
 
 
 @pytest.mark.parametrize('feed', DETECTORS, indirect=True)
-@fuzz('images to detectors', 120, told=told_on('image_raw'))
+@fuzz('images to detectors', 72, told=told_on('image_raw'))
 def test_detector_answers_every_frame(feed, told):
     for each in told:
         feed(*each)
@@ -110,28 +110,28 @@ def test_detector_answers_every_frame(feed, told):
 
 
 @pytest.mark.parametrize('feed', ['conditioner'], indirect=True)
-@fuzz('messages to the conditioner', 300, told=told_on(*TOPICS['conditioner']))
+@fuzz('messages to the conditioner', 180, told=told_on(*TOPICS['conditioner']))
 def test_conditioner_goes_on(feed, told):
     for each in told:
         feed(*each)
 
 
 @pytest.mark.parametrize('feed', ['tracker'], indirect=True)
-@fuzz('messages to the tracker', 300, told=told_on(*TOPICS['tracker']))
+@fuzz('messages to the tracker', 180, told=told_on(*TOPICS['tracker']))
 def test_tracker_answers_every_array(feed, told):
     for each in told:
         feed(*each)
 
 
 @pytest.mark.parametrize('feed', ['viewer'], indirect=True)
-@fuzz('messages to the viewer', 300, told=told_on(*TOPICS['viewer']))
+@fuzz('messages to the viewer', 180, told=told_on(*TOPICS['viewer']))
 def test_viewer_goes_on(feed, told):
     for each in told:
         feed(*each)
 
 
 @pytest.mark.parametrize('feed', ['evaluator'], indirect=True)
-@fuzz('messages to the evaluator', 300, told=told_on(*TOPICS['evaluator']))
+@fuzz('messages to the evaluator', 180, told=told_on(*TOPICS['evaluator']))
 def test_evaluator_goes_on(feed, told):
     for each in told:
         feed(*each)

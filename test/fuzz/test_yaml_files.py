@@ -107,7 +107,7 @@ def config(place):
     return place
 
 
-@fuzz('parameter files', 700, name=st.sampled_from(CONFIG_FILES),
+@fuzz('parameter files', 420, name=st.sampled_from(CONFIG_FILES),
       data=files([CONFIG / name for name in CONFIG_FILES]))
 def test_parameter_file_is_read_or_refused(config, name, data):
     (config / name).write_bytes(data)
@@ -120,14 +120,14 @@ def test_parameter_file_is_read_or_refused(config, name, data):
         assert all(isinstance(key, str) for key in values)
 
 
-@fuzz('scenario files', 1500, data=files(SCENARIOS))
+@fuzz('scenario files', 900, data=files(SCENARIOS))
 def test_scenario_file_is_read_or_refused(place, data):
     path = place / 'scenario.yaml'
     path.write_bytes(data)
     tried(path, load_scenario, path)
 
 
-@fuzz('overrides', 1500, target=st.sampled_from(SETTINGS) | st.tuples(wild_names, wild_names),
+@fuzz('overrides', 900, target=st.sampled_from(SETTINGS) | st.tuples(wild_names, wild_names),
       value=nasty | dumped | wild_names)
 def test_override_is_taken_or_refused(target, value):
     node, key = target
@@ -136,6 +136,6 @@ def test_override_is_taken_or_refused(target, value):
     tried('--set ', parse_override, text, detectors)
 
 
-@fuzz('overrides', 500, text=wild_names | nasty)
+@fuzz('overrides', 300, text=wild_names | nasty)
 def test_anything_is_taken_or_refused_as_an_override(text):
     tried('--set ', parse_override, text, ['sdt'])
