@@ -113,17 +113,18 @@ class Scoreboard:
                              for name, pair in self._latencies_ms.items()}}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Take over what :meth:`state` returned in an earlier life."""
+        """Take over what :meth:`state` returned once; where that fails nothing is changed."""
         tallies = {name: {level: _Tally.of(found) for level, found in levels.items()}
                    for name, levels in state['tallies'].items()}
-        if tallies.keys() != self._tallies.keys():
-            raise ValueError('the checkpoint is that of other chains')
-        self._tallies = tallies
-        self.frames, self.unanswered = state['frames'], state['unanswered']
-        self.stamp_s = state['stamp_s']
-        self._latencies_ms = {
+        latencies = {
             name: (Sample.of(pair[0]), Sample.of(pair[1]))
             for name, pair in state['latencies_ms'].items()}
+        if not tallies.keys() == latencies.keys() == self._tallies.keys():
+            raise ValueError('the checkpoint is that of other chains')
+        frames, unanswered, stamp_s = (
+            state['frames'], state['unanswered'], float(state['stamp_s']))
+        self._tallies, self._latencies_ms = tallies, latencies
+        self.frames, self.unanswered, self.stamp_s = frames, unanswered, stamp_s
 
     def figures(self) -> dict[str, dict[str, Any]]:
         """Return the figures of every chain so far; None for those that do not exist."""
