@@ -81,8 +81,9 @@ def test_run_outlives_the_camera_and_a_detector(bringup, camera, tmp_path):
     first = camera()
     run = bringup(*RUN, '--record', str(bag))
     run.wait_for_rows(2 * 30)
+    answered = {round(1e9 * float(row.split(',')[1])) for row in run.rows()}
     end(first)
-    camera()  # its stamps begin again
+    camera()  # its stamps begin again, and the recorder may find it later than others do
     run.wait_for_rows(len(run.rows()) + 2 * 30)
     run.kill('detector_node')
     run.wait_for_restarts(1)
@@ -91,17 +92,17 @@ def test_run_outlives_the_camera_and_a_detector(bringup, camera, tmp_path):
     assert 'cdt_detector is back after' in err
     assert f' topics in {bag}, ' in out
     assert run.summary()['detectors']['cdt']['detection']['declared'] > 0
-    check_that_all_that_was_answered_is_recorded(bag)
+    check_that_all_that_was_answered_is_recorded(bag, answered)
 
 
-def check_that_all_that_was_answered_is_recorded(bag):
-    """Check that each frame with an answer in a bag is there itself."""
+def check_that_all_that_was_answered_is_recorded(bag, answered):
+    """Check that each of these frames is in a bag, with all that was made of it."""
     with Bag(bag) as recorded:
         stamps = {name: {stamp_key(recorded.read(message).header.stamp)
                          for message in recorded.messages({name})}
                   for name in (TOPIC, '/conditioned/image_raw', '/detections')}
-    assert stamps['/detections'] <= stamps['/conditioned/image_raw'] <= stamps[TOPIC]
-    assert len(stamps['/detections']) > 30
+    assert len(answered) >= 30
+    assert all(answered <= found for found in stamps.values())
 
 
 def test_detector_comes_back_while_the_camera_is_away(bringup, camera):

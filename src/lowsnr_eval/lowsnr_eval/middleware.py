@@ -23,6 +23,7 @@ _PROFILE = """\
     <rtps>
 {use}      <builtin>
         <discovery_config>
+          <leaseAnnouncement><sec>0</sec><nanosec>250000000</nanosec></leaseAnnouncement>
           <initialAnnouncements>
             <count>50</count>
             <period><nanosec>100000000</nanosec></period>
@@ -75,8 +76,9 @@ def middleware_environment(
     Return what the processes of a run need in their environment beside what is there.
 
     A profile of Fast DDS, unless the environment names one.  By default processes that start
-    together may miss one another, a lost message or word of its arrival is made up for, after
-    three seconds; here after a tenth of one.  A frame that does not fit into the default
+    together may miss one another, a process that starts later learns of those that are there, and
+    a lost message or word of its arrival is made up for, after three seconds; here after a tenth
+    or a quarter of one.  A frame that does not fit into the default
     segment of shared memory goes through UDP in pieces, which takes ten times as long; for such
     frames there is a segment that holds them.  Where discovery is limited to this host, so are
     the sockets: by default they are open to everybody who knows the address of the host.

@@ -35,6 +35,7 @@ from rclpy.qos import QoSProfile
 from rclpy.timer import Timer
 
 _PEERS_WITHIN_S, _THROTTLE_S = 20.0, 5.0
+_REPEATS, _REPEATED_S = 40, 0.05
 FAILED, USAGE_ERROR, TERMINATED = 1, 2, 128 + signal.SIGTERM
 
 
@@ -184,11 +185,19 @@ class ManagedNode(SettingsNode):
         return faults + [said for each in self.outputs for said in output_faults(self, each)]
 
     def _report_soon(self) -> None:
-        """Report once the transition under way has been made."""
+        """
+        Report once the transition under way has been made.
+
+        A node that was started again repeats it, until whoever waits for that has found it.
+        """
+        repeats = iter(range(_REPEATS if self.settings.lives else 1))
+
         def report() -> None:
-            self.destroy_timer(timer)
-            self.report()
-        timer = self.create_timer(0.0, report)
+            if next(repeats, None) is None:
+                self.destroy_timer(timer)
+            else:
+                self.report()
+        timer = self.create_timer(_REPEATED_S if self.settings.lives else 0.0, report)
 
     def finish(self) -> None:
         """End the process: all is done."""
