@@ -1,5 +1,5 @@
 """
-The whole graph: frames a second, latency, start and memory, beside a bare round trip.
+The whole graph: frames a second, latency, start, recovery and memory, beside a round trip.
 
 Everything runs on this machine's real middleware, in a ROS domain of its own.
 """
@@ -10,6 +10,7 @@ import contextlib
 import csv
 import os
 from pathlib import Path
+import signal
 import statistics
 import sys
 import tempfile
@@ -46,7 +47,7 @@ def main() -> int:
     options = parser.parse_args()
     _environment.ensure()
     os.environ |= {'ROS_DOMAIN_ID': str(DOMAIN), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
-    for figures in (start_time(), small(), large(options.side, options.seconds),
+    for figures in (start_time(), recovery(), small(), large(options.side, options.seconds),
                     memory(options.memory_frames)):
         for what, value, goal in figures:
             print(f'{what:<62} {value:<28} {goal}', flush=True)
@@ -100,6 +101,24 @@ def large(side: int, seconds: int) -> Iterator[tuple[str, str, str]]:
     yield (f'{side} x {side}: frame to track, median and 99 %',
            f'{statistics.median(spent):.1f}, {statistics.quantiles(spent, n=100)[-1]:.1f} ms',
            '60 ms')
+
+
+def recovery() -> Iterator[tuple[str, str, str]]:
+    """Time from the death of a node to its answers, the first death in a run."""
+    down: dict[str, list[float]] = {'detector_node': [], 'tracker_node': []}
+    for _ in range(3):
+        with graph(20, 40, '--lockstep', '--loop') as run:
+            run.wait_for_rows(20)
+            for count, (module, times) in enumerate(down.items(), start=1):
+                run.kill(module)
+                run.wait_for_restarts(count)
+                times.append(float(run.restarts()[-1]['down_s']))
+                run.wait_for_rows(len(run.rows()) + 20)
+            run.process.send_signal(signal.SIGINT)
+            run.finish()
+    for module, times in down.items():
+        yield (f'{module} killed: back after, median and longest of {len(times)}',
+               f'{statistics.median(times):.2f}, {max(times):.2f} s', '2 s')
 
 
 def memory(frames: int) -> Iterator[tuple[str, str, str]]:
