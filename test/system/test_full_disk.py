@@ -122,3 +122,18 @@ def test_a_killed_recorder_goes_on_in_a_bag_of_its_own(bringup, tmp_path):
     assert stamps[0]
     assert len(stamps[1]) > 50
     assert stamps[0][-1] < stamps[1][0]
+
+
+def test_bag_that_is_removed_is_followed_by_another(bringup, tmp_path):
+    run = bringup(*RUN, '--record', str(tmp_path / 'bag'))
+    run.wait_for_rows(100)
+    shutil.rmtree(tmp_path / 'bag')
+    run.wait_for_restarts(1)
+    run.wait_for_rows(len(run.rows()) + 200)
+    code, out, _ = stop(run)
+    assert code == 130
+    assert f'nothing was recorded in {tmp_path / "bag"}' in out
+    assert f' in {tmp_path / "bag-2"}, ' in out
+    assert 'the bag was removed' in (run.results / 'log' / 'recorder.log').read_text()
+    with Bag(tmp_path / 'bag-2') as bag:
+        assert sum(1 for _ in bag.messages({'/image_raw'})) > 50

@@ -32,7 +32,8 @@ from rclpy.qos import QoSProfile
 from rclpy.qos import ReliabilityPolicy
 from rosbags.interfaces import Connection
 
-FAILED = 1
+# With room for another bag, and without.
+REMOVED, FAILED = 4, 1
 _LOOK_EVERY_S, _SYNC_EVERY_S = 0.1, 0.5
 _QUIET_S, _DRAIN_WITHIN_S = 0.2, 5.0
 _READY_WITHIN_S = 20.0
@@ -214,13 +215,15 @@ class RecorderNode(ManagedNode):
             self._give_up(error)
 
     def _give_up(self, error: Exception) -> NoReturn:
-        """End the process: what was synced is whole, and nothing more can be written."""
+        """End the process: what was synced is whole, unless it was removed."""
         bag, self._bag = self._bag, None
         if bag is not None:
             bag.abort()
-        print(f'{self.recording.bag}: recording failed after {self.counts["in"]} messages: '
-              f'{error}; the bag is good up to here', file=sys.stderr)
-        sys.exit(FAILED)
+        removed = isinstance(error, FileNotFoundError)
+        print(f'{bag and bag.folder}: recording failed after {self.counts["in"]} messages: '
+              f'{error}; the bag ' + ('was removed' if removed else 'is good up to here'),
+              file=sys.stderr)
+        sys.exit(REMOVED if removed else FAILED)
 
 
 def main(args: list[str] | None = None) -> None:

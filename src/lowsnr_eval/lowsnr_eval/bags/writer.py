@@ -11,6 +11,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from collections.abc import Sequence
 from contextlib import suppress
+import errno
+import os
 from pathlib import Path
 import sqlite3
 from types import TracebackType
@@ -58,6 +60,7 @@ class BagWriter:
         self._bag.custom_data.update(custom or {})
         try:
             self._bag.open()
+            self._file = os.stat(self._bag.storage.path)
         except (OSError, sqlite3.Error) as error:
             raise ValueError(f'{folder}: the bag cannot be written: {error}') from None
 
@@ -112,8 +115,18 @@ class BagWriter:
         self._bag.set_custom_data(key, text)
 
     def sync(self) -> None:
-        """Make the bag whole up to here, whatever comes."""
+        """
+        Make the bag whole up to here, whatever comes.
+
+        Raises
+        ------
+        OSError, sqlite3.Error
+            If the disk is full or fails; FileNotFoundError if the bag was removed.
+
+        """
         self._bag.sync()
+        if not os.path.samestat(self._file, os.stat(self._bag.storage.path)):
+            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
 
     def close(self) -> None:
         """Write index and metadata."""
