@@ -68,8 +68,9 @@ class EvaluatorNode(ManagedNode):
 
     def destroy_node(self) -> None:
         """Leave a summary of all that was scored, whatever ends the node."""
-        if judge := getattr(self, '_judge', None):
-            judge.settle()
+        if judge := self.__dict__.pop('_judge', None):
+            with judge:
+                judge.settle()
         super().destroy_node()
 
     def _on_array(self, topic: str, message: Detection2DArray) -> None:
