@@ -200,6 +200,7 @@ def calibrate(plan: 'RunPlan') -> None:
 
 def run(plan: 'RunPlan', folder: Path) -> int:
     """Start the graph, wait for its end, and print what it scored."""
+    from lowsnr_eval.aftermath import sum_up
     from lowsnr_eval.bags.recording import bags_of
     from lowsnr_eval.bags.recording import describe_bag
     from lowsnr_eval.middleware import middleware_environment
@@ -208,8 +209,12 @@ def run(plan: 'RunPlan', folder: Path) -> int:
 
     patience_s = plan.parameters['/evaluator']['answer_within_s'] + 2.0
     os.environ |= middleware_environment(os.environ, folder, plan.frame_bytes)
-    status, trouble = Supervisor(
-        plan.nodes, folder, plan.frames, patience_s, plan.respawn).run()
+    supervisor = Supervisor(plan.nodes, folder, plan.frames, patience_s, plan.respawn)
+    status, trouble = supervisor.run()
+    try:
+        sum_up(plan.parameters['/evaluator'], supervisor.account)
+    except (OSError, ValueError) as error:
+        print(f'bringup.py: no summary: {" ".join(str(error).split())}', file=sys.stderr)
     summary = folder / 'summary.json'
     if summary.is_file():
         print(format_table(json.loads(summary.read_text(encoding='utf-8'))))

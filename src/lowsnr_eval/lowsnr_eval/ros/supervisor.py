@@ -11,11 +11,11 @@ import sys
 import time
 from typing import Any
 
+from lowsnr_eval.aftermath import Account
 from lowsnr_eval.graph import Node
 from lowsnr_eval.middleware import PROFILE_FILE
 from lowsnr_eval.processes import NodeProcess
 from lowsnr_eval.processes import ProcessGroup
-from lowsnr_eval.results import note_losses
 from lowsnr_eval.ros.camera_watch import CameraWatch
 from lowsnr_eval.ros.manager import ACTIVATE
 from lowsnr_eval.ros.manager import CONFIGURE
@@ -69,7 +69,7 @@ class Supervisor:
         self._signal = 0
         self._respawn = respawn
         self._respawner: Respawner | None = None
-        self._losses: tuple[int, Mapping[str, int]] = 0, {}
+        self.account = Account()
         self._watch = CameraWatch()
         self._missed: dict[Node, str] = {}  # the run goes on without them; how they died
 
@@ -80,7 +80,6 @@ class Supervisor:
             with ProcessGroup(self._folder / 'log', self._environment) as self._group:
                 return self._run_processes()
         finally:
-            note_losses(self._folder, *self._losses)
             for number, handler in before.items():
                 signal.signal(number, handler)
 
@@ -101,7 +100,8 @@ class Supervisor:
                 failed = isinstance(error, GraphFailure)
                 return (FAILED, str(error)) if failed else (INTERRUPTED, 'interrupted')
             finally:
-                self._losses = self._manager.published, self._manager.restarted
+                self.account.published = self._manager.published
+                self.account.restarts = self._manager.restarted
                 self._manager.close()
 
     def _follow(self) -> None:
@@ -142,6 +142,7 @@ class Supervisor:
                 continue
             try:
                 self._manager.change(DEACTIVATE, [node], within_s)
+                self.account.summed_up |= node.name == 'evaluator'
             except GraphFailure as error:
                 tqdm.write(f'while stopping: {error}')
 
