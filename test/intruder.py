@@ -83,7 +83,8 @@ class Intruder:
 
     def leave(self, topic):
         """Publish a topic no more."""
-        self.node.destroy_publisher(self._publishers.pop(topic))
+        if topic in self._publishers:
+            self.node.destroy_publisher(self._publishers.pop(topic))
 
     def send(self, topic, message, fault):
         """Send a message, or bytes, that are a fault."""

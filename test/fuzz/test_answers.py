@@ -72,7 +72,7 @@ def estimates(draw, values=numbers):
         np.array(draw(row)), np.array([draw(row)] * 4), draw(numbers), draw(names))
 
 
-@fuzz('estimates to scoring', 900, found=st.lists(estimates(believable), max_size=4),
+@fuzz('estimates to scoring', 600, found=st.lists(estimates(believable), max_size=4),
       truth=st.lists(estimates(believable), max_size=3))
 def test_any_estimates_compare_with_any_truth(found, truth):
     outcome = compare([Truth(item.id, item.state) for item in truth], found, Evaluation())

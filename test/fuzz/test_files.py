@@ -95,7 +95,7 @@ def test_archive_is_converted_or_refused(place, data, period):
     tried('', converted, place, path, None)
 
 
-@fuzz('images of a folder', 360, ending=st.sampled_from(sorted(IMAGES)), data=st.data())
+@fuzz('images of a folder', 120, ending=st.sampled_from(sorted(IMAGES)), data=st.data())
 def test_image_is_converted_or_refused(place, ending, data):
     spoilt = data.draw(damaged(IMAGES[ending]))
     (place / 'frames').mkdir(exist_ok=True)

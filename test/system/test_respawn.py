@@ -13,7 +13,7 @@ from run_checks import check_end
 NODES = ('sensor_node', 'detector_node', 'tracker_node', 'evaluator_node')
 LABELS = {'detector_node': 'cdt_detector'}
 FRAMES = 300
-DEATHS = 12
+DEATHS = 8
 LOCKSTEP = ('--detector', 'cdt', '--scenario', 'example3', '--snr', '12', '--loop', '--lockstep')
 
 
