@@ -52,12 +52,7 @@ def test_garbage_on_every_topic_ends_nothing(bringup, intruder, tmp_path):
     said = garbage(np.random.default_rng(11))
     for _ in range(ROUNDS):
         enter(intruder)
-        for topic, message, fault in said:
-            if not isinstance(message, bytes) and 'no time' not in fault:
-                message.header.stamp = intruder.next_stamp(topic)
-            intruder.send(topic, message, fault)
-            intruder.spin(0.02)
-        intruder.spin(2.0)
+        say(intruder, said)
         if not (missing := not_refused(intruder)):
             break
         # Some were too late for their stamps; those of megabytes would bring that about.
@@ -77,6 +72,16 @@ def test_garbage_on_every_topic_ends_nothing(bringup, intruder, tmp_path):
     check_end(run, 130)
     assert not missing
     check_frames(run)
+
+
+def say(intruder, said):
+    """Send all of it, and hear what comes of it."""
+    for topic, message, fault in said:
+        if not isinstance(message, bytes) and 'no time' not in fault:
+            message.header.stamp = intruder.next_stamp(topic)
+        intruder.send(topic, message, fault)
+        intruder.spin(0.02)
+    intruder.spin(2.0)
 
 
 def enter(intruder):

@@ -36,6 +36,7 @@ def check_account(run, lost_at_most):
     assert numbers == list(range(1, len(numbers) + 1))
     stamps = [float(row.split(',')[1]) for row in run.rows()[::2]]
     assert stamps == sorted(set(stamps))
+    assert frames['published'] >= stamps[-1]  # frame k is at k s
     for log in (run.results / 'log').iterdir():
         assert 'Traceback' not in log.read_text(), log
 
@@ -80,6 +81,7 @@ def test_any_node_may_die_at_any_frame(bringup):
     assert frames['unanswered'] + frames['unseen'] <= DEATHS + 1
     assert sum(run.summary()['restarts'].values()) == DEATHS
     assert len(run.rows()) == 4 * (frames['scored'] + frames['unanswered'])
+    assert frames['published'] >= float(run.rows()[-1].split(',')[1])  # frame k is at k s
 
 
 def test_ids_of_tracks_are_not_used_again(bringup):

@@ -55,7 +55,9 @@ class PlayerNode(ManagedNode):
         self._image = self.create_publisher(
             Image, 'image_raw', reliable(frame_depth(depth, playing.rows, playing.cols)))
         self._data_time = self.create_publisher(Clock, '/clock', reliable(depth))
-        self.outputs = {self._image: self.settings.consumers, self._data_time: 0}
+        self.outputs = {
+            self._image: self.settings.consumers,
+            self._data_time: bool(self.settings.consumers)}
         if playing.truth_topic:
             self._array = self.create_publisher(
                 Detection2DArray, 'ground_truth', reliable(depth))

@@ -67,7 +67,8 @@ class SensorNode(ManagedNode):
         self._data_time = self.create_publisher(Clock, '/clock', reliable(depth))
         self.outputs = {
             self._image: self.settings.consumers, self._array: bool(self.settings.consumers),
-            self._odometry: bool(self.settings.consumers), self._data_time: 0}
+            self._odometry: bool(self.settings.consumers),
+            self._data_time: bool(self.settings.consumers)}
         self._lockstep = Lockstep(self, self._publish_next, self.simulation.patience_s)
         self._prepare()
         return TransitionCallbackReturn.SUCCESS
