@@ -130,6 +130,7 @@ def main() -> int:
     from lowsnr_eval.domain import claim_domain
     from lowsnr_eval.graph import to_yaml
     from lowsnr_eval.results import fresh_folder
+    from lowsnr_eval.results import PARAMETERS_FILE
     try:
         plan = plan_of(options)
         claim = claim_domain()
@@ -144,7 +145,7 @@ def main() -> int:
             print(f'bringup.py: {note}', file=sys.stderr)
         calibrate(plan)
         plan.parameters['/evaluator']['results'] = str(folder.resolve())
-        file = (folder / 'parameters.yaml').resolve()
+        file = (folder / PARAMETERS_FILE).resolve()
         if '/recorder' in plan.parameters:
             plan.parameters['/recorder']['run_parameters'] = str(file)
         file.write_text(to_yaml(plan.parameters), encoding='utf-8')

@@ -64,8 +64,8 @@ def score(bag: 'Bag', options: argparse.Namespace) -> Path:
     from lowsnr_eval.config_files import load_config
     from lowsnr_eval.judge import Judge
     from lowsnr_eval.results import fresh_folder
+    from lowsnr_eval.results import PARAMETERS_FILE
     from lowsnr_eval.ros.recorded_messages import feed
-    from lowsnr_eval.run_report import PARAMETERS_FILE
 
     chains = find_chains(bag, load_config(CONFIG), options.frames_topic, options.truth_topic)
     folder = fresh_folder(

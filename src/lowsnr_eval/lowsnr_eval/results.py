@@ -26,6 +26,7 @@ FRAMES_FILE = 'frames.csv'
 LATENCY_FILE = 'latency.csv'
 SUMMARY_FILE = 'summary.json'
 CHECKPOINT_FILE = 'checkpoint.json'
+PARAMETERS_FILE = 'parameters.yaml'
 
 
 def fresh_folder(wanted: Path) -> Path:

@@ -14,6 +14,7 @@ from lowsnr_eval.pages import Markup
 from lowsnr_eval.player import player
 from lowsnr_eval.player import SCRIPT
 from lowsnr_eval.results import FRAMES_FILE
+from lowsnr_eval.results import PARAMETERS_FILE
 from lowsnr_eval.results import SUMMARY_FILE
 from lowsnr_eval.scene import read_scene
 from lowsnr_eval.scene import SCENE_FILE
@@ -22,7 +23,6 @@ from lowsnr_sensor.text import one_line
 import numpy as np
 
 REPORT_FILE = 'report.html'
-PARAMETERS_FILE = 'parameters.yaml'
 # More dots than these are a grey cloud and a large file.
 _MOST_DOTS = 250
 # Lines may be missing; but what is as long as a number says must not be beyond all memory.

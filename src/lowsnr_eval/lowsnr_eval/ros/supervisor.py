@@ -16,6 +16,7 @@ from lowsnr_eval.graph import Node
 from lowsnr_eval.middleware import PROFILE_FILE
 from lowsnr_eval.processes import NodeProcess
 from lowsnr_eval.processes import ProcessGroup
+from lowsnr_eval.results import PARAMETERS_FILE
 from lowsnr_eval.ros.camera_watch import CameraWatch
 from lowsnr_eval.ros.manager import ACTIVATE
 from lowsnr_eval.ros.manager import CONFIGURE
@@ -29,7 +30,6 @@ _START_WITHIN_S = 600.0
 _ACTIVATE_WITHIN_S = 30.0
 _FLUSH_WITHIN_S = 1.0
 DONE, FAILED, INTERRUPTED = 0, 1, 130
-PARAMETERS_FILE = 'parameters.yaml'
 
 
 class Interrupted(Exception):
