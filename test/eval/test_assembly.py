@@ -58,6 +58,42 @@ def test_earlier_frame_is_given_up_once_a_later_one_is_whole(assembly):
     assert not assembly.add_state('tracks', 1, entry('1', 1.0))
 
 
+def send_frames_of_late_odometry(assembly):
+    """Send two frames with tracks, and one with none; odometry comes later."""
+    for stamp, tracks in ((1, [entry('1'), entry('2')]), (2, [entry('1')]), (3, [])):
+        assembly.add_array('truth', stamp, [], float(stamp))
+        assembly.add_array('tracks', stamp, tracks, float(stamp))
+
+
+def test_later_whole_frame_does_not_outrun_odometry(assembly):
+    send_frames_of_late_odometry(assembly)
+    assert assembly.take() == []
+    assembly.add_state('tracks', 1, entry('1', 4.0))
+    assert assembly.take() == []
+    assembly.add_state('tracks', 1, entry('2', 4.0))
+    assert [frame.stamp for frame in assembly.take()] == [1]
+    assembly.add_state('tracks', 2, entry('1', 5.0))
+    taken = assembly.take()
+    assert [frame.stamp for frame in taken] == [2, 3]
+    assert taken[0].answer('tracks')[0].state[1] == 5.0
+
+
+def test_odometry_is_not_waited_for_once_a_later_one_came(assembly):
+    send_frames_of_late_odometry(assembly)
+    assembly.add_state('tracks', 2, entry('1', 5.0))
+    assert [frame.answer('tracks') is None for frame in assembly.take()] == [True, False, False]
+
+
+@pytest.mark.parametrize('give_up', [
+    lambda assembly: assembly.take(older_than_s=2.5),
+    lambda assembly: assembly.expect_no_more(['tracks'], 2.5) or assembly.take()])
+def test_odometry_is_waited_for_no_longer_than_answers_are(assembly, give_up):
+    send_frames_of_late_odometry(assembly)
+    taken = give_up(assembly)
+    assert [(frame.stamp, frame.answer('tracks')) for frame in taken + assembly.take()] == [
+        (1, None), (2, None), (3, [])]
+
+
 def test_old_frame_is_given_up(assembly):
     assembly.add_array('truth', 1, [], 10.0)
     assembly.add_array('truth', 2, [], 11.0)

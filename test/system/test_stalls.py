@@ -67,6 +67,7 @@ def test_flood_is_survived_in_bounded_memory(bringup, intruder):
     grown = [memory_mib(pid) - was for pid, was in zip(readers, before)]
     assert max(grown) < MOST_GROWTH_MIB
     intruder.leave('/detections')
+    intruder.spin(1.0)  # it may not have heard all frames yet
     newest = intruder.newest_s('/image_raw')
     recovered = intruder.wait(lambda: first_answer_after(run, newest))
     run.wait_for_rows(recovered + 80)

@@ -34,21 +34,28 @@ class Frame:
 
         An entry with an id has an odometry of that id; None while anything is missing.
         """
-        entries, states = self.arrays.get(topic), self.states.get(topic, {})
-        if entries is None or any(e.id and e.id not in states for e in entries):
+        states = self.states.get(topic, {})
+        if topic not in self.arrays or self.lacks_states(topic):
             return None
         return [
             Estimate(states[e.id].state, states[e.id].cov, e.score, e.id) if e.id else e
-            for e in entries
+            for e in self.arrays[topic]
         ]
+
+    def lacks_states(self, topic: str) -> bool:
+        """Return whether an entry of a topic's array has an odometry that has not come."""
+        states = self.states.get(topic, {})
+        return any(e.id and e.id not in states for e in self.arrays.get(topic, ()))
 
 
 class Assembly:
     """
     Frames in the making.
 
-    A frame is whole when every topic has answered it that still can.  It is given up when a
-    later frame is whole, since each topic answers in order, or when it is too old.
+    A frame is whole when every topic has answered it that still can.  It is given up when it is
+    too old, or when a later frame is whole, since arrays come in order among themselves, as
+    odometry does.  Between the two there is no order: an array waits for its odometry, and later
+    frames with it, until that of a later frame shows that it will not come.
 
     Parameters
     ----------
@@ -66,6 +73,8 @@ class Assembly:
         self._key = key
         self._frames: dict[int, Frame] = {}
         self._changed: set[int] = set()  # since frames were last taken
+        self._ready = -1  # stamp of the newest frame that was whole
+        self._stated = dict.fromkeys(self._topics, -1)  # newest stamps of odometry
         self._done = done
         self._timeline = Timeline(done)
         self._mute = dict.fromkeys(self._topics, -1)  # stamps up to which nothing will come
@@ -88,33 +97,34 @@ class Assembly:
         if frame is None:
             return False
         frame.states.setdefault(topic, {})[state.id] = state
+        self._stated[topic] = max(self._stated.get(topic, -1), stamp)
         return True
 
     def take(self, older_than_s: float = -float('inf')) -> list[Frame]:
         """
         Return, oldest first, the frames to be scored now.
 
-        These are the frames up to the newest that is whole or whose key array came before
-        ``older_than_s`` [s], and those that were waiting when the clock was set back.
+        These are the frames whose key array came before ``older_than_s`` [s], those up to the
+        newest that is whole or the first whose odometry is on its way, and those that were
+        waiting when the clock was set back.
         """
         left, self._left = self._left, []
         # Only these can have become whole: of many that wait, each message looks at one.
         changed, self._changed = self._changed & self._frames.keys(), set()
-        ready = [stamp for stamp in changed if self._is_whole(self._frames[stamp])]
-        if older_than_s > -float('inf'):
-            ready += [stamp for stamp, frame in self._frames.items()
-                      if frame.arrived.get(self._key, older_than_s) < older_than_s]
-        if not ready:
-            return left
-        self._done = max(ready)
-        taken = sorted(stamp for stamp in self._frames if stamp <= self._done)
-        return left + [self._frames.pop(stamp) for stamp in taken]
+        whole = [stamp for stamp in changed if self._is_whole(self._frames[stamp])]
+        self._ready = max([self._ready, *whole])
+        old = self._before(older_than_s) if older_than_s > -float('inf') else []
+        too_old = max(old, default=-1)
+        for stamp in sorted(s for s in self._frames if s <= max(self._ready, too_old)):
+            if stamp > too_old and self._is_expected(self._frames[stamp]):
+                break
+            self._done = stamp
+            left.append(self._frames.pop(stamp))
+        return left
 
     def expect_no_more(self, topics: Iterable[str], before_s: float) -> None:
         """Expect no answer of topics to frames whose key array came before a time [s]."""
-        known = [
-            stamp for stamp, frame in self._frames.items()
-            if frame.arrived.get(self._key, before_s) < before_s]
+        known = self._before(before_s)
         for topic in topics:
             self._mute[topic] = max([self._mute[topic], *known])
         self._changed.update(known)
@@ -126,6 +136,8 @@ class Assembly:
             if self._key in self._frames[late].arrived]
         self._frames.clear()
         self._mute = dict.fromkeys(self._topics, -1)
+        self._stated = dict.fromkeys(self._topics, -1)
+        self._ready = -1
         self._done = stamp - 1
 
     def _frame(self, stamp: int) -> Frame | None:
@@ -143,6 +155,17 @@ class Assembly:
             unknown = [s for s, frame in self._frames.items() if self._key not in frame.arrived]
             for stamp in unknown[:-_MOST_UNKNOWN]:
                 del self._frames[stamp]
+
+    def _before(self, time_s: float) -> list[int]:
+        """Return the stamps of frames whose key array came before a time [s]."""
+        return [stamp for stamp, frame in self._frames.items()
+                if frame.arrived.get(self._key, time_s) < time_s]
+
+    def _is_expected(self, frame: Frame) -> bool:
+        """Return whether odometry of what its arrays name can still come."""
+        return any(
+            frame.stamp > self._mute[topic] and frame.stamp >= self._stated[topic]
+            and frame.lacks_states(topic) for topic in self._topics)
 
     def _is_whole(self, frame: Frame) -> bool:
         return all(
