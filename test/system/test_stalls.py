@@ -54,7 +54,7 @@ def memory_mib(pid):
 def test_flood_is_survived_in_bounded_memory(bringup, intruder):
     run = bringup(*RUN)
     run.wait_for_rows(20)
-    intruder.connect(Detection2DArray, '/detections', readers=2)
+    intruder.connect(Detection2DArray, '/detections')
     readers = [run.nodes()[module] for module in ('tracker_node', 'evaluator_node')]
     before = [memory_mib(pid) for pid in readers]
     message = Detection2DArray()

@@ -32,6 +32,7 @@ def test_one_stamp_of_a_far_future_costs_a_few_frames(bringup, intruder):
     run.wait_for_rows(20)
     for topic, kind in TOPICS.items():
         intruder.connect(kind, topic)
+    intruder.spin(1.0)  # a reader may learn of a writer later than the writer of it
     jumps = 3
     for n in range(jumps):
         header = Header(stamp=Time(sec=FUTURE_S + n))

@@ -79,10 +79,12 @@ def coloured(picture, colour):
 
 
 def test_viewer_changes_no_result(bringup, watch):
-    plain = bringup(*RUN, '--lockstep')
+    # Long enough for the viewer and its onlooker to find each other.
+    run = (*RUN, '--lockstep', '--frames', '400')
+    plain = bringup(*run)
     assert plain.finish()[0] == 0
     seen, viewed = watch(
-        {'overlay': Image, 'markers': MarkerArray}, *RUN, '--lockstep', '--view',
+        {'overlay': Image, 'markers': MarkerArray}, *run, '--view',
         '--set', 'viewer.observers=1')
     assert seen['overlay']
     assert seen['markers']

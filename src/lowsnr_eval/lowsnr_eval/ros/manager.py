@@ -86,8 +86,8 @@ class Manager:
         self.statuses: dict[str, DiagnosticStatus] = {}  # the newest of each active node
         self._node.create_subscription(
             DiagnosticArray, '/diagnostics', self._on_diagnostics, reliable(100))
-        self.changed: dict[str, dict[str, Any]] = {}  # parameters set while it ran, by node
-        self._node.create_subscription(
+        self._changed: dict[str, dict[str, Any]] = {}  # parameters set while it ran, by node
+        self._parameters = self._node.create_subscription(
             ParameterEvent, '/parameter_events', self._on_parameters, qos_profile_parameter_events)
         self._restarts = self._node.create_publisher(DiagnosticArray, 'restarts', reliable(100))
 
@@ -139,6 +139,14 @@ class Manager:
         """Return whether a process of a node has said that it is active."""
         return self._active.get(node.path) == str(process)
 
+    def changed(self, node: GraphNode) -> dict[str, Any]:
+        """Return the parameters of a node that were set while it ran, up to the last."""
+        waiting = self._parameters.handle
+        with waiting:
+            while found := waiting.take_message(ParameterEvent, False):
+                self._on_parameters(found[0])
+        return self._changed.get(node.path, {})
+
     def announce(self, node: GraphNode, death: str, started_s_ago: float) -> None:
         """Tell all that a node was started again, so that nobody waits for what it had."""
         self.restarted[node.label] += 1
@@ -165,7 +173,7 @@ class Manager:
 
     def _on_parameters(self, event: ParameterEvent) -> None:
         if event.node in self._paths:
-            self.changed.setdefault(event.node, {}).update(
+            self._changed.setdefault(event.node, {}).update(
                 {item.name: parameter_value_to_python(item.value)
                  for item in event.changed_parameters})
 

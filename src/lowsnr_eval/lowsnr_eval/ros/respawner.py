@@ -104,7 +104,7 @@ class Respawner:
     def _start(self, node: Node, case: _Case) -> None:
         """Start a node again, or try later where the disk or the machine has no room."""
         own: dict[str, object] = {
-            **self.manager.changed.get(node.path, {}),
+            **self.manager.changed(node),
             'autostart': True, 'lives': self._deaths[node].count}
         if node.source:
             own['resume_after_ns'] = self.manager.newest_ns
