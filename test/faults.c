@@ -85,6 +85,13 @@ int sem_timedwait(sem_t *semaphore, const struct timespec *until) {
   return wait(semaphore, &at);
 }
 
+int pthread_mutex_timedlock(pthread_mutex_t *mutex, const struct timespec *until) {
+  static int (*lock)(pthread_mutex_t *, const struct timespec *);
+  if (!lock) lock = dlsym(RTLD_NEXT, "pthread_mutex_timedlock");
+  struct timespec at = true_time(until);
+  return lock(mutex, &at);
+}
+
 static int lost(int socket) {
   int kind = 0;
   socklen_t size = sizeof kind;
