@@ -72,6 +72,7 @@ class Assembly:
         self._topics = tuple(topics)
         self._key = key
         self._frames: dict[int, Frame] = {}
+        self._unknown: dict[int, None] = {}  # stamps of those whose key array has not come
         self._changed: set[int] = set()  # since frames were last taken
         self._ready = -1  # stamp of the newest frame that was whole
         self._stated = dict.fromkeys(self._topics, -1)  # newest stamps of odometry
@@ -87,6 +88,8 @@ class Assembly:
         frame = self._frame(stamp)
         if frame is None or topic in frame.arrays:
             return False
+        if topic == self._key:
+            self._unknown.pop(stamp)
         frame.arrays[topic] = entries
         frame.arrived[topic] = now_s
         return True
@@ -110,15 +113,18 @@ class Assembly:
         """
         left, self._left = self._left, []
         # Only these can have become whole: of many that wait, each message looks at one.
-        changed, self._changed = self._changed & self._frames.keys(), set()
-        whole = [stamp for stamp in changed if self._is_whole(self._frames[stamp])]
+        changed, self._changed = self._changed, set()
+        whole = [stamp for stamp in changed
+                 if stamp in self._frames and self._is_whole(self._frames[stamp])]
         self._ready = max([self._ready, *whole])
         old = self._before(older_than_s) if older_than_s > -float('inf') else []
         too_old = max(old, default=-1)
-        for stamp in sorted(s for s in self._frames if s <= max(self._ready, too_old)):
+        newest = max(self._ready, too_old)
+        for stamp in sorted(s for s in self._frames if s <= newest) if newest > self._done else ():
             if stamp > too_old and self._is_expected(self._frames[stamp]):
                 break
             self._done = stamp
+            self._unknown.pop(stamp, None)
             left.append(self._frames.pop(stamp))
         return left
 
@@ -135,6 +141,7 @@ class Assembly:
             self._frames[late] for late in sorted(self._frames)
             if self._key in self._frames[late].arrived]
         self._frames.clear()
+        self._unknown.clear()
         self._mute = dict.fromkeys(self._topics, -1)
         self._stated = dict.fromkeys(self._topics, -1)
         self._ready = -1
@@ -145,16 +152,12 @@ class Assembly:
             return None
         if stamp not in self._frames:
             self._frames[stamp] = Frame(stamp)
-            self._forget_unknown()
+            self._unknown[stamp] = None
+            if len(self._unknown) > _MOST_UNKNOWN:  # forget the oldest
+                oldest = next(iter(self._unknown))
+                del self._unknown[oldest], self._frames[oldest]
         self._changed.add(stamp)
         return self._frames[stamp]
-
-    def _forget_unknown(self) -> None:
-        """Forget the oldest answers to frames that nobody published, where there are many."""
-        if len(self._frames) > _MOST_UNKNOWN:
-            unknown = [s for s, frame in self._frames.items() if self._key not in frame.arrived]
-            for stamp in unknown[:-_MOST_UNKNOWN]:
-                del self._frames[stamp]
 
     def _before(self, time_s: float) -> list[int]:
         """Return the stamps of frames whose key array came before a time [s]."""
