@@ -60,7 +60,7 @@ def extend_paths(
             if depths > 0:
                 _bound(fresh, lower, upper, paths[0, run, block:stop], best)
             _decide(
-                best if depths > 0 else fresh, threshold, around, decided[run, block:stop],
+                best if depths > 0 else fresh, threshold, decided[run, block:stop],
                 peak[run, block:stop])
 
 
@@ -160,30 +160,29 @@ def _give_up(new: np.ndarray, upper: float, decided: np.ndarray) -> None:
 
 @compiled
 def _decide(
-    best: np.ndarray, threshold: float, scratch: np.ndarray, decided: np.ndarray,
-    peak: np.ndarray,
+    best: np.ndarray, threshold: float, decided: np.ndarray, peak: np.ndarray,
 ) -> None:
     """Write the largest of each row, and the rows with one above the threshold."""
     for row in range(len(decided)):
         here = best[row]
-        peak[row] = _largest(here, scratch)
+        peak[row] = _largest(here)
         if peak[row] > threshold:
             decided[row] = here
 
 
 @compiled
-def _largest(row: np.ndarray, scratch: np.ndarray) -> float:
-    """Return the largest of a row, which is folded in halves: compilers do not reorder it."""
-    size = (len(row) + 1) // 2
-    scratch[:size] = row[:size]
-    other = row[size:]
-    while True:
-        for col in range(len(other)):
-            scratch[col] = other[col] if other[col] > scratch[col] else scratch[col]
-        if size == 1:
-            return scratch[0]
-        half = (size + 1) // 2
-        other, size = scratch[half:size], half
+def _largest(row: np.ndarray) -> float:
+    """Return the largest of a row, by four that do not wait for one another."""
+    one = two = three = four = row[0]
+    even = len(row) // 4 * 4
+    for col in range(0, even, 4):
+        one = row[col] if row[col] > one else one
+        two = row[col + 1] if row[col + 1] > two else two
+        three = row[col + 2] if row[col + 2] > three else three
+        four = row[col + 3] if row[col + 3] > four else four
+    for col in range(even, len(row)):
+        one = row[col] if row[col] > one else one
+    return max(one, two, three, four)
 
 
 @compiled
