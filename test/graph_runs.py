@@ -23,9 +23,13 @@ def graph_environment(domain_id: int) -> dict[str, str]:
         'ROS_DOMAIN_ID': str(domain_id), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
 
 
-def own_domain() -> int:
-    """Return a ROS domain that no other test process on this machine is likely to use."""
-    return _DOMAINS[os.getpid() % len(_DOMAINS)]
+def own_domain(other: int = 0) -> int:
+    """
+    Return a ROS domain that no other test process on this machine is likely to use.
+
+    Graphs that run at the same time take the others, counted from 0.
+    """
+    return _DOMAINS[(os.getpid() + 37 * other) % len(_DOMAINS)]
 
 
 @dataclass

@@ -126,7 +126,7 @@ def test_killed_worker_costs_time_and_no_results(reference, tmp_path):
 
 @pytest.mark.slow
 def test_interrupted_study_keeps_its_runs_and_goes_on(reference, tmp_path):
-    options = (*SMALL, '--runs', '40', '--jobs', '1', '--results', tmp_path)
+    options = (*SMALL, '--runs', '40', '--jobs', '2', '--results', tmp_path)
     process = start(*options)
     wait_for_blocks(process, tmp_path)
     process.send_signal(signal.SIGINT)
@@ -143,23 +143,40 @@ def test_interrupted_study_keeps_its_runs_and_goes_on(reference, tmp_path):
         (tmp_path / 'example2' / 'runs' / name).stat().st_mtime_ns for name in kept]
 
 
-@pytest.mark.parametrize(('arguments', 'culprit'), [
-    (('--example', '7'), 'example 7 is not one of 1, 2, 3, 4, 5, 6'),
-    (('--example', '2', '--runs', '0'), 'runs = 0'),
-    (('--example', '2', '--detectors', 'sdr'), "'sdr'"),
-    (('--example', '2', '--jobs', '0'), '--jobs 0'),
-    (('--example', '2', '--scheduler', '127.0.0.1:9'), '127.0.0.1:9'),
-    (('--example', '2', '--scheduler', 'nonsense://'), 'nonsense'),
-    (('--example', '2', '--all'), 'not allowed with'),
-    ((), 'required'),
-])
-def test_what_cannot_be_is_refused_in_one_line(tmp_path, arguments, culprit):
-    code, out, err = run(*arguments, '--results', tmp_path)
-    assert code == 2
+REFUSED = {
+    ('--example', '7'): 'example 7 is not one of 1, 2, 3, 4, 5, 6',
+    ('--example', '2', '--runs', '0'): 'runs = 0',
+    ('--example', '2', '--detectors', 'sdr'): "'sdr'",
+    ('--example', '2', '--jobs', '0'): '--jobs 0',
+    ('--example', '2', '--scheduler', '127.0.0.1:9'): '127.0.0.1:9',
+    ('--example', '2', '--scheduler', 'nonsense://'): 'nonsense',
+    ('--example', '2', '--all'): 'not allowed with',
+    (): 'required',
+}
+
+
+@pytest.fixture(scope='module')
+def refusals(tmp_path_factory):
+    """Return process and results folder of all that is refused, at once, since one waits."""
+    folders = {arguments: tmp_path_factory.mktemp('refused') for arguments in REFUSED}
+    started = {arguments: (start(*arguments, '--results', folder), folder)
+               for arguments, folder in folders.items()}
+    yield started
+    for process, _ in started.values():
+        if process.poll() is None:
+            process.kill()
+        process.communicate()
+
+
+@pytest.mark.parametrize(('arguments', 'culprit'), REFUSED.items())
+def test_what_cannot_be_is_refused_in_one_line(refusals, arguments, culprit):
+    process, folder = refusals[arguments]
+    out, err = process.communicate(timeout=240)
+    assert process.returncode == 2
     assert culprit in err
     assert len(err.splitlines()) == 1
     assert out == ''
-    assert not list(tmp_path.iterdir())
+    assert not list(folder.iterdir())
 
 
 @pytest.mark.parametrize('more', [(), ('--resume',)])

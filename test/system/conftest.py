@@ -79,7 +79,7 @@ def hear(monkeypatch, bringup):
             node.create_subscription(kind, topic, messages[topic].append, reliable(1000))
         # The listener is one more reader that the nodes wait for, of the sensor's clock too.
         started = bringup(
-            '--detector', 'cdt', '--rate', '20', '--set', 'cdt.consumers=3',
+            '--detector', 'cdt', '--rate', '50', '--set', 'cdt.consumers=3',
             '--set', 'tracker.consumers=2', '--set', 'sensor.observers=1', *arguments)
         while started.process.poll() is None:
             executor.spin_once(timeout_sec=0.05)

@@ -19,7 +19,7 @@ FOLDER = Path('src', 'lowsnr_detect', 'lowsnr_detect', 'detectors')
 def copy(tmp_path):
     """Return a copy of the project with the new file and no other change."""
     for name in ('config', 'scripts', 'src', 'test', 'requirements'):
-        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns('__pycache__'))
+        shutil.copytree(ROOT / name, tmp_path / name)  # with what is compiled
     shutil.copy(ROOT / 'pyproject.toml', tmp_path)
     text = (ROOT / 'CONTRIBUTING.md').read_text(encoding='utf-8')
     code, = re.findall(r'```python\n(.*?)```', text, re.DOTALL)

@@ -10,6 +10,8 @@ from pathlib import Path
 import subprocess
 import sys
 
+from graph_runs import own_domain
+from graph_runs import start_bringup
 from lowsnr_eval.bags.reader import Bag
 from lowsnr_sensor.conditioning import ConditioningSettings
 from lowsnr_sensor.ros import messages
@@ -19,6 +21,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT.parent / 'shared' / 'data'
 GATE_CELLS = 2.5
+SEQUENCES = {'lasco_c3_8dB': 'mmtbd2', 'ir_helicopter_049': 'sdt'}  # and their detectors
 
 
 def sequence(name):
@@ -28,26 +31,42 @@ def sequence(name):
         end = pytest.fail if os.environ.get('CI') == 'true' else pytest.skip
         end(f'needs the sequence {path}, which is not there')
     with np.load(path) as archive:
-        return path, dict(archive)
+        return dict(archive)
+
+
+@pytest.fixture(scope='module')
+def started(tmp_path_factory):
+    """Return a run for every sequence that is there; at once, since each needs one core."""
+    runs = {}
+    try:
+        for number, (name, detector) in enumerate(SEQUENCES.items()):
+            if not (DATA / f'{name}.npz').is_file():
+                continue
+            folder = tmp_path_factory.mktemp(name)
+            subprocess.run(
+                [sys.executable, str(ROOT / 'scripts' / 'convert.py'), str(DATA / f'{name}.npz'),
+                 '--out', str(folder / 'frames')], check=True, timeout=120, capture_output=True)
+            runs[name] = start_bringup(
+                folder / 'run', '--replay', str(folder / 'frames'), '--detector', detector,
+                '--snr', '8', '--lockstep', '--record', str(folder / 'recorded'),
+                domain_id=own_domain(number))
+        yield runs
+    finally:
+        for run in runs.values():
+            run.end()
 
 
 @pytest.fixture
-def replayed(bringup, tmp_path):
-    """Return a function that replays a sequence and returns its confirmed tracks by frame."""
-    def run(path, detector):
-        bag = tmp_path / 'frames'
-        subprocess.run(
-            [sys.executable, str(ROOT / 'scripts' / 'convert.py'), str(path), '--out', str(bag)],
-            check=True, timeout=120, capture_output=True)
-        recorded = tmp_path / 'recorded'
-        started = bringup(
-            '--replay', str(bag), '--detector', detector, '--snr', '8', '--lockstep',
-            '--record', str(recorded))
-        code, _, err = started.finish(within_s=400.0)
+def replayed(request):
+    """Return a function that gives a sequence and its confirmed tracks by frame."""
+    def run(name):
+        data = sequence(name)
+        replay = request.getfixturevalue('started')[name]
+        code, _, err = replay.finish(within_s=400.0)
         assert code == 0, err
-        frames = started.summary()['frames']
+        frames = replay.summary()['frames']
         assert frames['unanswered'] == 0
-        return tracks_of(recorded, frames['published'])
+        return data, tracks_of(replay.results.parent / 'recorded', frames['published'])
     return run
 
 
@@ -79,8 +98,7 @@ def followed(tracks, truth):
 
 @pytest.mark.slow
 def test_star_in_a_coronagraph_is_followed_without_false_tracks(replayed):
-    path, data = sequence('lasco_c3_8dB')
-    tracks, cells = replayed(path, 'mmtbd2'), ConditioningSettings().cells
+    (data, tracks), cells = replayed('lasco_c3_8dB'), ConditioningSettings().cells
     assert followed(tracks, cells(data['truth'])) >= 0.8
     known = cells(np.concatenate(
         [data['truth'][None], data['other_truth'], data['uncatalogued_truth']]))
@@ -90,6 +108,5 @@ def test_star_in_a_coronagraph_is_followed_without_false_tracks(replayed):
 
 @pytest.mark.slow
 def test_helicopter_before_static_clutter_is_followed(replayed):
-    path, data = sequence('ir_helicopter_049')
-    tracks = replayed(path, 'sdt')
+    data, tracks = replayed('ir_helicopter_049')
     assert followed(tracks, ConditioningSettings().cells(data['truth'])) >= 0.8

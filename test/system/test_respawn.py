@@ -1,10 +1,13 @@
 """Nodes that die are started again: every frame is scored, unanswered or unseen, none is lost."""
 
+import functools
 import json
 import os
 import signal
 import time
 
+from graph_runs import own_domain
+from graph_runs import start_bringup
 from intruder import INJECTED
 import numpy as np
 import pytest
@@ -41,14 +44,30 @@ def check_account(run, lost_at_most):
         assert 'Traceback' not in log.read_text(), log
 
 
+@pytest.fixture(scope='module')
+def survivor(tmp_path_factory):
+    """Return a function that gives a run, each node of it ended by a signal, and its end."""
+    @functools.cache
+    def survive(number):
+        run = start_bringup(
+            tmp_path_factory.mktemp('survivor') / 'run', *LOCKSTEP, domain_id=own_domain())
+        try:
+            run.wait_for_rows(100)
+            for module in NODES:
+                end_a_node(run, module, number)
+            run.wait_for_rows(len(run.rows()) + 200)
+            run.process.send_signal(signal.SIGINT)
+            ended = run.finish()
+            run.wait_until_none_is_left()
+            return run, *ended
+        finally:
+            run.end()
+    return survive
+
+
 @pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGTERM], ids=['SIGKILL', 'SIGTERM'])
-def test_every_node_comes_back(bringup, number):
-    run = bringup(*LOCKSTEP)
-    run.wait_for_rows(40)
-    for module in NODES:
-        end_a_node(run, module, number)
-    run.process.send_signal(signal.SIGINT)
-    code, out, err = run.finish()
+def test_every_node_comes_back(survivor, number):
+    run, code, out, err = survivor(number)
     assert code == 130
     how = 'killed by SIGKILL' if number == signal.SIGKILL else 'ended by SIGTERM'
     for module in NODES:
@@ -59,7 +78,6 @@ def test_every_node_comes_back(bringup, number):
     assert 'started again: sensor 1 x, cdt_detector 1 x, tracker 1 x, evaluator 1 x' in out
     # In lockstep a node has one frame in hand when it dies; the last may be under way at the end.
     check_account(run, lost_at_most=len(NODES) + 1)
-    run.wait_until_none_is_left()
 
 
 def test_any_node_may_die_at_any_frame(bringup):
@@ -84,16 +102,11 @@ def test_any_node_may_die_at_any_frame(bringup):
     assert frames['published'] >= float(run.rows()[-1].split(',')[1])  # frame k is at k s
 
 
-def test_ids_of_tracks_are_not_used_again(bringup):
-    run = bringup(*LOCKSTEP)
-    run.wait_for_rows(100)
-    end_a_node(run, 'tracker_node', signal.SIGKILL)
-    run.wait_for_rows(len(run.rows()) + 200)
-    run.process.send_signal(signal.SIGINT)
-    assert run.finish()[0] == 130
+def test_ids_of_tracks_are_not_used_again(survivor):
+    run, *_ = survivor(signal.SIGKILL)
     lines = [json.loads(line) for line in (run.results / 'scene.jsonl').read_text().splitlines()]
     ids = [{mark[2] for mark in line['chains']['cdt']['tracks']} for line in lines]
-    killed = int(run.restarts()[0]['frame'])
+    killed, = (int(row['frame']) for row in run.restarts() if row['node'] == 'tracker')
     before, after = set().union(*ids[:killed]), set().union(*ids[killed + 1:])
     assert before
     assert after

@@ -1,6 +1,8 @@
 """Nodes that stand still, a flood, and a network that is gone: the graph goes on by itself."""
 
+import functools
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -78,39 +80,65 @@ def test_flood_is_survived_in_bounded_memory(bringup, intruder):
     assert not silent
 
 
-def test_every_datagram_may_be_lost_for_ten_seconds(bringup, machine):
-    run = bringup(*RUN)
-    run.wait_for_rows(20)
-    machine.lose_datagrams(True)
-    time.sleep(WITHOUT_NETWORK_S)
-    machine.lose_datagrams(False)
-    run.wait_for_rows(len(run.rows()) + 80)
-    run.process.send_signal(signal.SIGINT)
-    check_end(run, 130)
-    check_frames(run)
-
-
-def test_network_may_be_gone_for_ten_seconds(tmp_path, require_program):
-    unshare, nsenter, ip = (require_program(name) for name in ('unshare', 'nsenter', 'ip'))
+@pytest.fixture(scope='module')
+def lone(tmp_path_factory):
+    """Return a graph in a network of its own and the command that works on it; None if denied."""
     own, into = (([], []) if os.geteuid() == 0 else (['-r'], ['-U', '--preserve-credentials']))
-    if subprocess.run([unshare, *own, '-n', 'true'], capture_output=True, check=False).returncode:
-        pytest.skip('needs a network of its own, which is not allowed here; datagrams are lost '
-                    'in the test before')
+    if not all(map(shutil.which, ('unshare', 'nsenter', 'ip'))) or subprocess.run(
+            ['unshare', *own, '-n', 'true'], capture_output=True, check=False).returncode:
+        yield None
+        return
+    results = tmp_path_factory.mktemp('lone') / 'run'
     run = GraphRun(subprocess.Popen(
-        [unshare, *own, '-n', 'sh', '-c', f'{ip} link set lo up && exec "$@"', 'sh',
-         sys.executable, BRINGUP, '--results', tmp_path / 'run', *RUN],
-        env=graph_environment(own_domain()), stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        text=True), tmp_path / 'run')
-    inside = [nsenter, '-t', str(run.process.pid), *into, '-n', ip]
+        ['unshare', *own, '-n', 'sh', '-c', 'ip link set lo up && exec "$@"', 'sh',
+         sys.executable, BRINGUP, '--results', results, *RUN],
+        env=graph_environment(own_domain(1)), stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        text=True), results)
     try:
         run.wait_for_rows(20)
+        yield run, ['nsenter', '-t', str(run.process.pid), *into, '-n', 'ip']
+    finally:
+        run.end()
+
+
+@pytest.fixture(scope='module')
+def outage(lone):
+    """Return a function that waits for ten seconds; at the first time, the lone one's network."""
+    @functools.cache
+    def wait():
+        if lone is None:
+            time.sleep(WITHOUT_NETWORK_S)
+            return
+        _, inside = lone
         subprocess.run([*inside, 'link', 'set', 'lo', 'down'], check=True)
         time.sleep(WITHOUT_NETWORK_S)
         subprocess.run([*inside, 'link', 'set', 'lo', 'up'], check=True)
         INJECTED['network gone'] += 1
-        run.wait_for_rows(len(run.rows()) + 80)
-        run.process.send_signal(signal.SIGINT)
-        check_end(run, 130)
-        check_frames(run)
-    finally:
-        run.end()
+    return wait
+
+
+def test_every_datagram_may_be_lost_for_ten_seconds(bringup, machine, outage):
+    run = bringup(*RUN)
+    run.wait_for_rows(20)
+    machine.lose_datagrams(True)
+    outage()
+    machine.lose_datagrams(False)
+    check_that_it_goes_on(run)
+
+
+def test_network_may_be_gone_for_ten_seconds(lone, outage, require_program):
+    for name in ('unshare', 'nsenter', 'ip'):
+        require_program(name)
+    if lone is None:
+        pytest.skip('needs a network of its own, which is not allowed here; datagrams are lost '
+                    'in the test before')
+    outage()
+    check_that_it_goes_on(lone[0])
+
+
+def check_that_it_goes_on(run):
+    """Check that frames are scored after an outage, and what the run holds at its end."""
+    run.wait_for_rows(len(run.rows()) + 80)
+    run.process.send_signal(signal.SIGINT)
+    check_end(run, 130)
+    check_frames(run)

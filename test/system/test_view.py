@@ -6,6 +6,7 @@ from pathlib import Path
 import signal
 
 from graph_runs import own_domain
+from graph_runs import start_bringup
 from lowsnr_eval.look import rgb
 from lowsnr_eval.look import TRACK
 from lowsnr_eval.look import TRUTH
@@ -78,6 +79,21 @@ def coloured(picture, colour):
     return (np.stack([cols, rows], axis=-1) + 0.5) / ZOOM - 0.5
 
 
+@pytest.fixture(scope='module')
+def widowed(tmp_path_factory):
+    """Return a run whose viewer died; other tests go on while it waits for the dead."""
+    run = start_bringup(
+        tmp_path_factory.mktemp('widowed') / 'run', '--detector', 'cdt', '--rate', '20', '--view',
+        domain_id=own_domain(1))
+    try:
+        run.wait_for_rows(10)
+        os.kill(run.nodes()['viewer_node'], signal.SIGKILL)
+        yield run
+    finally:
+        run.end()
+
+
+@pytest.mark.usefixtures('widowed')
 def test_viewer_changes_no_result(bringup, watch):
     # Long enough for the viewer and its onlooker to find each other.
     run = (*RUN, '--lockstep', '--frames', '400')
@@ -133,11 +149,9 @@ def test_every_chain_has_its_viewer(watch):
         assert {image.width for image in seen[f'{name}/overlay'].values()} == {100}
 
 
-def test_run_goes_on_without_a_viewer_that_died(bringup):
-    run = bringup('--detector', 'cdt', '--rate', '20', '--view')
-    run.wait_for_rows(10)
-    os.kill(run.nodes()['viewer_node'], signal.SIGKILL)
-    code, out, err = run.finish()
+def test_run_goes_on_without_a_viewer_that_died(widowed):
+    run = widowed
+    code, _, err = run.finish()
     assert code == 0, err
     assert 'the run goes on without viewer was killed by SIGKILL' in err
     assert run.summary()['frames'] == {

@@ -19,39 +19,62 @@ TWO_HOSTS = Path(__file__).with_name('two_hosts.py')
 NEW_NETWORK = ['unshare', '--map-root-user', '--net']
 
 
-def reached(results, listens_s, **environment):
-    """Return what of a graph reached others; ``environment`` is all that is said of discovery."""
-    if subprocess.run([*NEW_NETWORK, 'ip', 'link'], capture_output=True, check=False).returncode:
-        pytest.skip('needs to make network namespaces, which this machine does not permit')
+# What is said of discovery, and how long a stranger listens [s].
+SAID = {
+    'nothing': (15.0, {}),
+    'subnet': (120.0, {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'}),
+    'peers': (120.0, {'ROS_STATIC_PEERS': '10.65.0.2'})}
+
+
+def start_hosts(results, domain, listens_s, said):
+    """Start two hosts with a graph on one of them; ``said`` is all that is said of discovery."""
     plain = {key: value for key, value in os.environ.items() if key not in (
         'ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_STATIC_PEERS', 'ROS_LOCALHOST_ONLY')}
-    hosts = subprocess.Popen(
+    return subprocess.Popen(
         [*NEW_NETWORK, sys.executable, str(TWO_HOSTS), str(results), str(listens_s)],
-        env=plain | {'ROS_DOMAIN_ID': str(own_domain()), 'PYTHONPATH': os.pathsep.join(sys.path),
-                     **environment},
+        env=plain | {'ROS_DOMAIN_ID': str(domain), 'PYTHONPATH': os.pathsep.join(sys.path),
+                     **said},
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+@pytest.fixture(scope='module')
+def reached(tmp_path_factory):
+    """Return what of a graph reached others, for all that is said; all at once, to wait once."""
+    if subprocess.run([*NEW_NETWORK, 'ip', 'link'], capture_output=True, check=False).returncode:
+        pytest.skip('needs to make network namespaces, which this machine does not permit')
+    folder, pairs, found = tmp_path_factory.mktemp('hosts'), {}, {}
     try:
-        out, err = hosts.communicate(timeout=900.0)
+        for number, (name, said) in enumerate(SAID.items()):
+            # Hosts of one machine share its memory: a domain each.
+            pairs[name] = start_hosts(folder / name, own_domain(number), *said)
+        for name, hosts in pairs.items():
+            out, err = hosts.communicate(timeout=900.0)
+            found[name] = (hosts.returncode, out, err)
     finally:
-        if hosts.poll() is None:
-            hosts.send_signal(signal.SIGINT)  # it ends what it started
-            hosts.wait(60.0)
-    assert hosts.returncode == 0, err
-    return json.loads(out)
+        for hosts in pairs.values():
+            if hosts.poll() is None:
+                hosts.send_signal(signal.SIGINT)  # it ends what it started
+                hosts.wait(60.0)
+
+    def look(name):
+        code, out, err = found[name]
+        assert code == 0, err
+        return json.loads(out)
+    return look
 
 
-def test_nobody_on_another_host_hears_or_is_heard(tmp_path):
-    assert reached(tmp_path / 'run', 15.0) == {'datagrams': 0, 'neighbour': 1, 'stranger': 0}
+def test_nobody_on_another_host_hears_or_is_heard(reached):
+    assert reached('nothing') == {'datagrams': 0, 'neighbour': 1, 'stranger': 0}
 
 
-def test_the_subnet_hears_when_asked_for(tmp_path):
-    found = reached(tmp_path / 'run', 120.0, ROS_AUTOMATIC_DISCOVERY_RANGE='SUBNET')
+def test_the_subnet_hears_when_asked_for(reached):
+    found = reached('subnet')
     assert found.pop('datagrams') > 0
     assert found == {'neighbour': 1, 'stranger': 1}
 
 
-def test_named_peers_are_let_in(tmp_path):
-    found = reached(tmp_path / 'run', 120.0, ROS_STATIC_PEERS='10.65.0.2')
+def test_named_peers_are_let_in(reached):
+    found = reached('peers')
     assert found.pop('datagrams') > 0
     assert found == {'neighbour': 1, 'stranger': 1}
 

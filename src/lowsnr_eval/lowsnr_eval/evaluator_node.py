@@ -23,6 +23,7 @@ from lowsnr_sensor.ros.runtime import run
 from nav_msgs.msg import Odometry
 from rclpy.lifecycle import LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn
+import scipy.optimize  # noqa: F401  (here, lest the first frame wait for it)
 from sensor_msgs.msg import Image
 from vision_msgs.msg import Detection2DArray
 

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
-from scipy.special import ndtri
+import scipy
 
 
 def distances(objects: np.ndarray, estimates: np.ndarray) -> np.ndarray:
@@ -62,7 +61,7 @@ def match_within_gate(distance: np.ndarray, gate: float) -> tuple[np.ndarray, np
     within = distance <= gate
     # One pair outside the gate costs more than all the pairs that can lie within it.
     outside = gate * (min(distance.shape) + 1) + 1.0
-    rows, columns = linear_sum_assignment(np.where(within, distance, outside))
+    rows, columns = scipy.optimize.linear_sum_assignment(np.where(within, distance, outside))
     hit = within[rows, columns]
     return rows[hit], columns[hit]
 
@@ -98,7 +97,7 @@ def gospa(distance: np.ndarray, cutoff: float, order: float = 2.0) -> float:
     objects, estimates = distance.shape
     # With alpha = 2 a pair at the cutoff costs as much as one missed and one false.
     cost = np.minimum(distance, cutoff) ** order
-    total = cost[linear_sum_assignment(cost)].sum()
+    total = cost[scipy.optimize.linear_sum_assignment(cost)].sum()
     unpaired = cutoff**order / 2.0 * abs(objects - estimates)
     return float((total + unpaired) ** (1.0 / order))
 
@@ -132,7 +131,7 @@ def wilson_interval(
     if trials == 0:
         return None
     share = successes / trials
-    spread = ndtri(0.5 + confidence / 2.0) ** 2 / trials
+    spread = scipy.special.ndtri(0.5 + confidence / 2.0) ** 2 / trials
     half = math.sqrt(spread * share * (1.0 - share) + spread**2 / 4.0)
     low, high = share + spread / 2.0 - half, share + spread / 2.0 + half
     return max(0.0, low / (1.0 + spread)), min(1.0, high / (1.0 + spread))
