@@ -14,6 +14,7 @@ from lowsnr_eval.bags.replaying import PlayedFrame
 from lowsnr_eval.bags.settings import PlayerSettings
 from lowsnr_sensor.malformed import Malformed
 from lowsnr_sensor.ros import messages
+from lowsnr_sensor.ros.connections import wait_for_readers
 from lowsnr_sensor.ros.lockstep import Lockstep
 from lowsnr_sensor.ros.params import declare
 from lowsnr_sensor.ros.qos import frame_depth
@@ -21,7 +22,6 @@ from lowsnr_sensor.ros.qos import reliable
 from lowsnr_sensor.ros.runtime import ManagedNode
 from lowsnr_sensor.ros.runtime import run
 from nav_msgs.msg import Odometry
-from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.serialization import deserialize_message
@@ -139,8 +139,7 @@ class PlayerNode(ManagedNode):
 
     def _finish(self) -> None:
         """End the process once every reader has acknowledged every message."""
-        for publisher in self.outputs:
-            publisher.wait_for_all_acked(Duration(seconds=10))
+        wait_for_readers(self.outputs)
         for note in self._bag.notes:
             self.get_logger().warning(note)
         self._bag.close()

@@ -10,6 +10,7 @@ from lowsnr_sensor.node_settings import SimulationSettings
 from lowsnr_sensor.records import Estimate
 from lowsnr_sensor.records import Truth
 from lowsnr_sensor.ros import messages
+from lowsnr_sensor.ros.connections import wait_for_readers
 from lowsnr_sensor.ros.lockstep import Lockstep
 from lowsnr_sensor.ros.params import declare
 from lowsnr_sensor.ros.qos import frame_depth
@@ -21,7 +22,6 @@ from lowsnr_sensor.simulator import simulate_frame
 from lowsnr_sensor.streams import stream
 from nav_msgs.msg import Odometry
 import numpy as np
-from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn
 from rosgraph_msgs.msg import Clock
@@ -120,8 +120,7 @@ class SensorNode(ManagedNode):
 
     def _finish(self) -> None:
         """End the process once every reader has acknowledged every message."""
-        for publisher in (self._odometry, self._array, self._image):
-            publisher.wait_for_all_acked(Duration(seconds=10))
+        wait_for_readers(self.outputs)
         self.finish()
 
 

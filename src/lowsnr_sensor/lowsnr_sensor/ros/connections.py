@@ -1,11 +1,13 @@
-"""Who is on a node's topics and yet not connected to it, and why; each by name."""
+"""Who is on a node's topics: missing, not connected and why, or yet to acknowledge."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from collections.abc import Mapping
+import time
 from typing import Any
 
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import qos_check_compatible
 from rclpy.qos import QoSCompatibility
@@ -14,6 +16,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 # Names that one line holds.
 _MOST_NAMES = 5
+_ACKNOWLEDGED_WITHIN_S = 10.0
 
 
 def missing_peer(outputs: Mapping[Any, int], inputs: Iterable[Any]) -> str:
@@ -38,6 +41,14 @@ def missing_peer(outputs: Mapping[Any, int], inputs: Iterable[Any]) -> str:
         if not subscription.get_publisher_count():
             return f'{subscription.topic_name}: nobody publishes it'
     return ''
+
+
+def wait_for_readers(publishers: Iterable[Any]) -> None:
+    """Wait until every reader has every message, but 10 s at most: one may have died."""
+    until = time.monotonic() + _ACKNOWLEDGED_WITHIN_S
+    for publisher in publishers:
+        left_s = max(0.0, until - time.monotonic())
+        publisher.wait_for_all_acked(Duration(seconds=left_s))
 
 
 def input_faults(node: Node, subscription: Any) -> list[str]:
