@@ -1,6 +1,7 @@
 """A stranger on the domain of a graph: says what it likes, and hears what the nodes report."""
 
 from collections import Counter
+from contextlib import ExitStack
 from functools import partial
 import time
 
@@ -8,10 +9,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from lowsnr_sensor.ros.messages import stamp_key
 from lowsnr_sensor.ros.qos import reliable
-import rclpy
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
+from onlooker import onlooker
 from sensor_msgs.msg import Image
 from vision_msgs.msg import Detection2DArray
 
@@ -29,12 +27,8 @@ class Intruder:
     """A node in a context of its own; use it in ``with``."""
 
     def __init__(self, domain_id, name='intruder'):
-        self._context = rclpy.Context()
-        rclpy.init(context=self._context, domain_id=domain_id,
-                   signal_handler_options=SignalHandlerOptions.NO)
-        self.node = Node(name, context=self._context)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self.node)
+        self._within = ExitStack()
+        self.node, self._executor = self._within.enter_context(onlooker(name, domain_id))
         self._publishers = {}
         self.reports = {}
         self._newest = {}  # stamp by topic [ns]
@@ -49,9 +43,7 @@ class Intruder:
         return self
 
     def __exit__(self, *_):
-        self._executor.shutdown()
-        self.node.destroy_node()
-        self._context.try_shutdown()
+        self._within.close()
 
     def _on_diagnostics(self, message):
         for status in message.status:

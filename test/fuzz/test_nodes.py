@@ -12,7 +12,6 @@ from fuzz.messages import images
 from fuzz.messages import odometries
 from fuzz.messages import stamped
 from fuzz.messages import steps_ns
-from graph_runs import own_domain
 from hypothesis import given
 from hypothesis import settings
 from hypothesis import strategies as st
@@ -23,12 +22,11 @@ from lowsnr_sensor.conditioner_node import ConditionerNode
 from lowsnr_sensor.ros.messages import frame_to_image
 from lowsnr_track.tracker_node import TrackerNode
 import numpy as np
+from onlooker import ros_context
 import pytest
-import rclpy
 from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
 from rclpy.serialization import serialize_message
-from rclpy.signals import SignalHandlerOptions
 
 pytestmark = pytest.mark.filterwarnings('ignore::RuntimeWarning')
 NANO = 1_000_000_000
@@ -50,20 +48,16 @@ class Feed:
 
 
 @pytest.fixture
-def feed(request, place, monkeypatch):
+def feed(request, place):
     """Return the feed of the node that the test names, one for all of its inputs."""
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     make, values = NODES[request.param]
-    context = rclpy.Context()
-    rclpy.init(context=context, domain_id=own_domain(),
-               signal_handler_options=SignalHandlerOptions.NO)
-    node = make(context=context, parameter_overrides=[
-        Parameter(name, value=value) for name, value in values.items()] + (
-        [Parameter('results', value=str(place))] if request.param == 'evaluator' else []))
-    assert node.autostart()
-    yield Feed(node)
-    node.destroy_node()
-    context.try_shutdown()
+    with ros_context() as context:
+        node = make(context=context, parameter_overrides=[
+            Parameter(name, value=value) for name, value in values.items()] + (
+            [Parameter('results', value=str(place))] if request.param == 'evaluator' else []))
+        assert node.autostart()
+        yield Feed(node)
+        node.destroy_node()
 
 
 DETECTORS = ('cdt', 'sdt', 'tbd1', 'mmtbd2', 'hmm', 'cusum')

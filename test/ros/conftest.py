@@ -1,25 +1,18 @@
 """ROS contexts of their own, so that tests do not see each other's nodes."""
 
-from graph_runs import own_domain
 from node_client import NodeClient
+from onlooker import ros_context
 import pytest
-import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.parameter import Parameter
-from rclpy.signals import SignalHandlerOptions
 
 
 @pytest.fixture
-def context(monkeypatch):
+def context():
     """Return an initialised context on a domain of this test process."""
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    context = rclpy.Context()
-    rclpy.init(
-        context=context, domain_id=own_domain(),
-        signal_handler_options=SignalHandlerOptions.NO)
-    yield context
-    context.try_shutdown()
+    with ros_context() as own:
+        yield own
 
 
 @pytest.fixture

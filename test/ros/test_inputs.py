@@ -4,7 +4,6 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.msg import KeyValue
-from graph_runs import own_domain
 from graph_runs import ROOT
 from lowsnr_sensor.conditioner_node import ConditionerNode
 from lowsnr_sensor.ros import messages
@@ -13,15 +12,14 @@ from lowsnr_sensor.timeline import SET_BACK_AFTER
 from lowsnr_track.tracker_node import TrackerNode
 from nav_msgs.msg import Odometry
 import numpy as np
+from onlooker import onlooker
 import pytest
-import rclpy
 from rclpy.clock import ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy
 from rclpy.qos import qos_profile_sensor_data
 from rclpy.qos import QoSProfile
-from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 from vision_msgs.msg import Detection2D
@@ -79,17 +77,10 @@ def test_reader_that_cannot_be_reached_is_named_with_the_policy(other, said):
 
 
 def test_publisher_of_another_type_is_named(said):
-    context = rclpy.Context()
-    rclpy.init(context=context, domain_id=own_domain(),
-               signal_handler_options=SignalHandlerOptions.NO)
-    stranger = Node('stranger', context=context)
-    stranger.create_publisher(Odometry, 'detections', DEPTH)
-    try:
+    with onlooker('stranger') as (stranger, _):
+        stranger.create_publisher(Odometry, 'detections', DEPTH)
         said('/detections: not heard is /stranger, which publishes nav_msgs/msg/Odometry, '
              'not vision_msgs/msg/Detection2DArray', level=DiagnosticStatus.ERROR)
-    finally:
-        stranger.destroy_node()
-        context.try_shutdown()
 
 
 def test_two_publishers_are_named_and_forgotten_when_one_is_gone(other, said, context):

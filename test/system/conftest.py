@@ -7,11 +7,8 @@ from intruder import Intruder
 from lowsnr_sensor.ros.qos import reliable
 from machine import Machine
 from nav_msgs.msg import Odometry
+from onlooker import onlooker
 import pytest
-import rclpy
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image
 from vision_msgs.msg import Detection2DArray
@@ -63,31 +60,22 @@ def pytest_terminal_summary(terminalreporter):
 
 
 @pytest.fixture
-def hear(monkeypatch, bringup):
+def hear(bringup):
     """Return a function that runs CDT on a scenario and returns the messages by topic."""
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    context = rclpy.Context()
-    rclpy.init(context=context, domain_id=own_domain(),
-               signal_handler_options=SignalHandlerOptions.NO)
-    node = Node('listener', context=context)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
 
     def run(*arguments):
         messages = {topic: [] for topic in TOPICS}
-        for topic, kind in TOPICS.items():
-            node.create_subscription(kind, topic, messages[topic].append, reliable(1000))
-        # The listener is one more reader that the nodes wait for, of the sensor's clock too.
-        started = bringup(
-            '--detector', 'cdt', '--rate', '50', '--set', 'cdt.consumers=3',
-            '--set', 'tracker.consumers=2', '--set', 'sensor.observers=1', *arguments)
-        while started.process.poll() is None:
-            executor.spin_once(timeout_sec=0.05)
+        with onlooker('listener') as (node, executor):
+            for topic, kind in TOPICS.items():
+                node.create_subscription(kind, topic, messages[topic].append, reliable(1000))
+            # The listener is one more reader that the nodes wait for, of the sensor's clock too.
+            started = bringup(
+                '--detector', 'cdt', '--rate', '50', '--set', 'cdt.consumers=3',
+                '--set', 'tracker.consumers=2', '--set', 'sensor.observers=1', *arguments)
+            while started.process.poll() is None:
+                executor.spin_once(timeout_sec=0.05)
         code, _, err = started.finish()
         assert code == 0, err
         return messages
 
-    yield run
-    executor.shutdown()
-    node.destroy_node()
-    context.try_shutdown()
+    return run

@@ -5,18 +5,14 @@ import re
 import signal
 import time
 
-from graph_runs import own_domain
 from lowsnr_sensor.ros.messages import stamp_key
 from lowsnr_sensor.ros.qos import reliable
+from onlooker import onlooker
 import pytest
 from rcl_interfaces.srv import GetParameters
 from rcl_interfaces.srv import SetParameters
-import rclpy
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter import parameter_value_to_python
-from rclpy.signals import SignalHandlerOptions
 from vision_msgs.msg import Detection2DArray
 
 DETECTOR = '/cdt_detector'
@@ -73,19 +69,10 @@ class Operator:
 
 
 @pytest.fixture
-def operator(monkeypatch):
+def operator():
     """Return another program on the domain of this test."""
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    context = rclpy.Context()
-    rclpy.init(context=context, domain_id=own_domain(),
-               signal_handler_options=SignalHandlerOptions.NO)
-    node = Node('operator', context=context)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-    yield Operator(node, executor)
-    executor.shutdown()
-    node.destroy_node()
-    context.try_shutdown()
+    with onlooker('operator') as (node, executor):
+        yield Operator(node, executor)
 
 
 def logged(run, pattern, label='cdt_detector'):

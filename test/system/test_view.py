@@ -15,11 +15,8 @@ from lowsnr_sensor.ros.messages import stamp_key
 from lowsnr_sensor.ros.qos import reliable
 from nav_msgs.msg import Odometry
 import numpy as np
+from onlooker import onlooker
 import pytest
-import rclpy
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image
 from vision_msgs.msg import Detection2DArray
@@ -42,35 +39,26 @@ OBSERVED = (
 
 
 @pytest.fixture
-def watch(monkeypatch, bringup):
+def watch(bringup):
     """Return a function that runs a graph and returns what came, by topic and stamp."""
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    context = rclpy.Context()
-    rclpy.init(context=context, domain_id=own_domain(),
-               signal_handler_options=SignalHandlerOptions.NO)
-    node = Node('onlooker', context=context)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
 
     def run(topics, *arguments):
         seen = {topic: {} for topic in topics}
-        for topic, kind in topics.items():
-            def take(message, topic=topic, heard=seen[topic]):
-                if topic != 'clock':
-                    header = getattr(message, 'header', None) or message.markers[0].header
-                    heard[stamp_key(header.stamp)] = message
-            node.create_subscription(kind, topic, take, reliable(1000))
-        started = bringup(*arguments, results='viewed')
-        while started.process.poll() is None:
-            executor.spin_once(timeout_sec=0.05)
+        with onlooker('onlooker') as (node, executor):
+            for topic, kind in topics.items():
+                def take(message, topic=topic, heard=seen[topic]):
+                    if topic != 'clock':
+                        header = getattr(message, 'header', None) or message.markers[0].header
+                        heard[stamp_key(header.stamp)] = message
+                node.create_subscription(kind, topic, take, reliable(1000))
+            started = bringup(*arguments, results='viewed')
+            while started.process.poll() is None:
+                executor.spin_once(timeout_sec=0.05)
         code, _, err = started.finish()
         assert code == 0, err
         return seen, started
 
-    yield run
-    executor.shutdown()
-    node.destroy_node()
-    context.try_shutdown()
+    return run
 
 
 def coloured(picture, colour):

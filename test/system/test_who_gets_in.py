@@ -9,11 +9,9 @@ import sys
 import time
 
 from graph_runs import own_domain
+from onlooker import onlooker
 import psutil
 import pytest
-import rclpy
-from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 
 TWO_HOSTS = Path(__file__).with_name('two_hosts.py')
 NEW_NETWORK = ['unshare', '--map-root-user', '--net']
@@ -91,29 +89,18 @@ def test_sockets_that_hear_are_bound_to_this_host(bringup):
         assert hearing == {'127.0.0.1'}, bound
 
 
-@pytest.fixture
-def onlooker(monkeypatch):
-    """Return a node on the domain of the graphs."""
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    context = rclpy.Context()
-    rclpy.init(context=context, domain_id=own_domain(),
-               signal_handler_options=SignalHandlerOptions.NO)
-    node = Node('onlooker', context=context)
-    yield node
-    node.destroy_node()
-    context.try_shutdown()
-
-
-def test_every_node_is_in_the_enclave_that_bears_its_name(bringup, onlooker):
+def test_every_node_is_in_the_enclave_that_bears_its_name(bringup):
     run = bringup('--detector', 'cdt', 'sdt', '--loop', '--rate', '50', '--view')
     wanted = {'/bringup', '/evaluator', '/sensor', *(
         f'/{name}/{node}' for name in ('cdt', 'sdt')
         for node in (f'{name}_detector', 'tracker', 'viewer'))}
     found, until = {}, time.monotonic() + 120.0
-    while set(found) != wanted:
-        assert run.process.poll() is None, run.finish()
-        assert time.monotonic() < until, found
-        found = {f'{space.rstrip("/")}/{name}': enclave for name, space, enclave
-                 in onlooker.get_node_names_and_namespaces_with_enclaves() if name != 'onlooker'}
-        time.sleep(0.1)
+    with onlooker('onlooker') as (node, _):
+        while set(found) != wanted:
+            assert run.process.poll() is None, run.finish()
+            assert time.monotonic() < until, found
+            found = {
+                f'{space.rstrip("/")}/{name}': enclave for name, space, enclave
+                in node.get_node_names_and_namespaces_with_enclaves() if name != 'onlooker'}
+            time.sleep(0.1)
     assert found == {name: name for name in wanted}
