@@ -120,7 +120,9 @@ class Assembly:
         old = self._before(older_than_s) if older_than_s > -float('inf') else []
         too_old = max(old, default=-1)
         newest = max(self._ready, too_old)
-        for stamp in sorted(s for s in self._frames if s <= newest) if newest > self._done else ():
+        if newest <= self._done:
+            return left
+        for stamp in sorted(s for s in self._frames if s <= newest):
             if stamp > too_old and self._is_expected(self._frames[stamp]):
                 break
             self._done = stamp
