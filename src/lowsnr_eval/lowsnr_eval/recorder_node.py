@@ -36,7 +36,7 @@ from rosbags.interfaces import Connection
 REMOVED, FAILED = 4, 1
 _LOOK_EVERY_S, _SYNC_EVERY_S = 0.1, 0.5
 _QUIET_S, _DRAIN_WITHIN_S = 0.2, 5.0
-_READY_WITHIN_S = 20.0
+_READY_WITHIN_S, _HEARD_WITHIN_S = 20.0, 5.0
 _IMAGE = 'sensor_msgs/msg/Image'
 # Topics that nodes send to before the recorder is there, as also to .../transition_event.
 _BEGUN = ('/diagnostics', '/parameter_events', '/rosout')
@@ -76,8 +76,8 @@ class RecorderNode(ManagedNode):
         """
         Wait until every topic is received.
 
-        All other nodes but the source of the frames are active now: they have found this
-        node's readers, but the readers may not have found them yet, and then lose messages.
+        Others wait until they have found this node's readers, but the readers may not have found
+        them yet, and then lose messages.  A camera waits for nobody.
         """
         until = time.monotonic() + _READY_WITHIN_S
         while missing := self._not_received():
@@ -85,6 +85,8 @@ class RecorderNode(ManagedNode):
                 self.get_logger().error(f'{missing}: is not received')
                 return TransitionCallbackReturn.FAILURE
             time.sleep(0.01)
+        if self.settings.live and not self.settings.lives:
+            self._hear_camera()
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -129,6 +131,14 @@ class RecorderNode(ManagedNode):
             if subscription.get_publisher_count() < len(publishers):
                 return name
         return ''
+
+    def _hear_camera(self) -> None:
+        """Wait for its first frame, but not for that of a slow one."""
+        until = time.monotonic() + _HEARD_WITHIN_S
+        while time.monotonic() < until and not all(
+                self._tallies[name].received for name in self.recording.topics):
+            self._take_waiting(0)
+            time.sleep(0.01)
 
     def _subscribe(self, name: str, msgtype: str, publishers: list[Any]) -> None:
         try:
