@@ -1,14 +1,16 @@
-"""Leftovers of the middleware in shared memory: those of killed processes go, no others."""
+"""Leftovers of the middleware in shared memory: those of killed processes go."""
 
 import os
 from pathlib import Path
-import signal
 import subprocess
 import sys
+import time
 
 from graph_runs import graph_environment
 from graph_runs import own_domain
 from lowsnr_eval.shared_memory import clear_leftovers
+from lowsnr_eval.shared_memory import close_ports
+import pytest
 
 SHARED = Path('/dev/shm')
 NODE = """
@@ -20,49 +22,76 @@ rclpy.spin(node)
 """
 
 
-def start_node(before):
-    """Start a process with a node; return it and the locks of its segments, as of long ago."""
+def start_node(domain_id):
+    """Start a process with a node; return it, and the locks of its segments and of its ports."""
     process = subprocess.Popen(
-        [sys.executable, '-c', NODE], env=graph_environment(own_domain()), text=True,
+        [sys.executable, '-c', NODE], env=graph_environment(domain_id), text=True,
         stdout=subprocess.PIPE)
     assert process.stdout.readline() == 'up\n'
-    held = list(Path(f'/proc/{process.pid}/fd').iterdir())
-    locks = {Path(os.readlink(link)) for link in held if os.readlink(link).endswith('_el')}
-    locks = {lock for lock in locks if 'port' not in lock.name} - before
-    for lock in locks:
-        os.utime(lock, (1.0, 1.0))
-    return process, locks
+    held = [Path(os.readlink(link)) for link in Path(f'/proc/{process.pid}/fd').iterdir()]
+    locks = {path for path in held if path.name.endswith('_el')}
+    ports = {lock for lock in locks if 'port' in lock.name}
+    return process, locks - ports, ports
 
 
-def segment(lock):
-    """Return the segment that a lock is for."""
+def guarded(lock):
+    """Return the segment or port that a lock is for."""
     return lock.with_name(lock.name.removesuffix('_el'))
 
 
-def test_segments_of_a_killed_process_are_removed_and_those_of_others_stay():
-    dead, gone = start_node(set())
-    living, kept = start_node(gone)
-    try:
-        assert gone
-        assert kept
-        dead.send_signal(signal.SIGKILL)
-        dead.wait()
-        assert all(segment(lock).exists() for lock in gone | kept)
-        assert clear_leftovers() >= len(gone)
-        assert not any(lock.exists() or segment(lock).exists() for lock in gone)
-        assert all(lock.exists() and segment(lock).exists() for lock in kept)
-        assert living.poll() is None
-    finally:
-        for process in (dead, living):
-            process.kill()
-            process.wait()
-            process.stdout.close()
+@pytest.fixture(scope='module')
+def processes():
+    """Return the locks of a process that was killed, and of one that lives: segments, ports."""
+    dead, *gone = start_node(own_domain())
+    living, *kept = start_node(own_domain(1))  # it does not use the ports of the other
+    dead.kill()
+    dead.wait()
+    yield gone, kept
+    lived = living.poll() is None
+    living.kill()
+    living.wait()
+    for process in (dead, living):
+        process.stdout.close()
+    assert lived
+
+
+@pytest.mark.parametrize('made_s', [1.0, time.time() + 1e6])  # long ago, before it was set back
+def test_segments_of_a_killed_process_are_removed_and_those_of_others_stay(processes, made_s):
+    (gone, _), (kept, _) = processes
+    assert gone
+    assert kept
+    for lock in gone | kept:
+        guarded(lock).touch()
+        lock.touch()
+        os.utime(lock, (made_s, made_s))
+    assert clear_leftovers() >= len(gone)
+    assert not any(lock.exists() or guarded(lock).exists() for lock in gone)
+    assert all(lock.exists() and guarded(lock).exists() for lock in kept)
+
+
+def test_ports_of_a_killed_process_are_closed_and_those_of_others_stay(processes):
+    (_, gone), (_, kept) = processes
+    assert gone
+    assert kept
+    before = {lock: guarded(lock).read_bytes() for lock in gone}
+    assert close_ports() >= len(gone)
+    for lock in gone:
+        changed = [n for n, (old, new) in enumerate(
+            zip(before[lock], guarded(lock).read_bytes(), strict=True)) if old != new]
+        assert len(changed) == 1
+        assert before[lock][changed[0]] & 1
+    assert all(guarded(lock).read_bytes()[changed[0]] & 1 for lock in kept)
 
 
 def test_what_is_not_the_middlewares_is_left_alone(tmp_path):
-    names = ['fastrtps_0123456789abcdef', 'fastrtps_port7411_el', 'other_el', 'fastrtps_short_el']
+    names = ['fastrtps_0123456789abcdef', 'fastrtps_port7411', 'fastrtps_port7411_el',
+             'fastrtps_port7412', 'fastrtps_port7412_el', 'fastrtps_port7413_el', 'other_el',
+             'fastrtps_short_el']
     for name in (*names, 'fastrtps_0123456789abcdef_el'):
         (tmp_path / name).touch()
+    (tmp_path / 'fastrtps_port7412').write_bytes(bytes(1000))
+    assert close_ports(tmp_path) == 0
+    assert (tmp_path / 'fastrtps_port7412').read_bytes() == bytes(1000)
     assert clear_leftovers(tmp_path) == 0  # just made: its process may be starting
     os.utime(tmp_path / 'fastrtps_0123456789abcdef_el', (1.0, 1.0))
     for name in names[1:]:

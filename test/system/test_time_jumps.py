@@ -64,3 +64,18 @@ def test_clock_of_the_machine_may_be_set(bringup, machine):
     run.process.send_signal(signal.SIGINT)
     check_end(run, 130)
     check_frames(run)
+
+
+def test_nodes_that_die_are_heard_again_after_the_clock_was_set_back(bringup, intruder, machine):
+    run = bringup(*RUN)
+    run.wait_for_rows(20)
+    for hours in (24, 0):
+        machine.set_clock(hours)
+        run.wait_for_rows(len(run.rows()) + 40)
+    for restarts, module in enumerate(('detector_node', 'tracker_node'), start=1):
+        run.kill(module)
+        run.wait_for_restarts(restarts)
+        newest = float(run.rows()[-1].split(',')[1])
+        intruder.wait(partial(first_answer_after, run, newest), within_s=20.0)
+    run.process.send_signal(signal.SIGINT)
+    check_end(run, 130)

@@ -16,6 +16,7 @@ from lowsnr_eval.respawning import Deaths
 from lowsnr_eval.respawning import RespawnPolicy
 from lowsnr_eval.ros.manager import Manager
 from lowsnr_eval.shared_memory import clear_leftovers
+from lowsnr_eval.shared_memory import close_ports
 from tqdm import tqdm
 
 RESTARTS_FILE = 'restarts.csv'
@@ -80,6 +81,7 @@ class Respawner:
             self._cases.pop(node, None)
             return False
         clear_leftovers()
+        close_ports()
         first = self._cases.get(node)
         died_s = first.died_s if first else now_s
         self._cases[node] = _Case(member.death(), self.manager.scored, died_s, now_s + wait_s)
