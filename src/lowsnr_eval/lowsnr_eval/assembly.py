@@ -35,12 +35,16 @@ class Frame:
         An entry with an id has an odometry of that id; None while anything is missing.
         """
         states = self.states.get(topic, {})
-        if topic not in self.arrays or self.lacks_states(topic):
+        if not self.is_answered(topic):
             return None
         return [
             Estimate(states[e.id].state, states[e.id].cov, e.score, e.id) if e.id else e
             for e in self.arrays[topic]
         ]
+
+    def is_answered(self, topic: str) -> bool:
+        """Return whether a topic's array has come, and the odometry of all its entries."""
+        return topic in self.arrays and not self.lacks_states(topic)
 
     def lacks_states(self, topic: str) -> bool:
         """Return whether an entry of a topic's array has an odometry that has not come."""
@@ -174,5 +178,5 @@ class Assembly:
 
     def _is_whole(self, frame: Frame) -> bool:
         return all(
-            frame.stamp <= self._mute[topic] or frame.answer(topic) is not None
+            frame.stamp <= self._mute[topic] or frame.is_answered(topic)
             for topic in self._topics)

@@ -17,6 +17,7 @@ from lifecycle_msgs.srv import GetState
 from lowsnr_eval.graph import MANAGER
 from lowsnr_eval.graph import Node as GraphNode
 from lowsnr_eval.ros.transition import PendingTransition
+from lowsnr_sensor.ros.inputs import take_waiting
 from lowsnr_sensor.ros.messages import stamp_key
 from lowsnr_sensor.ros.qos import reliable
 from lowsnr_sensor.timeline import Timeline
@@ -141,10 +142,8 @@ class Manager:
 
     def changed(self, node: GraphNode) -> dict[str, Any]:
         """Return the parameters of a node that were set while it ran, up to the last."""
-        waiting = self._parameters.handle
-        with waiting:
-            while found := waiting.take_message(ParameterEvent, False):
-                self._on_parameters(found[0])
+        for event in take_waiting(self._parameters):
+            self._on_parameters(event)
         return self._changed.get(node.path, {})
 
     def announce(self, node: GraphNode, death: str, started_s_ago: float) -> None:

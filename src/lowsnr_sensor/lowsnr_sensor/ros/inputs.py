@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from collections.abc import Iterator
 import time
 from typing import Any
 
@@ -14,6 +15,16 @@ from rclpy.qos import QoSProfile
 from rclpy.qos import ReliabilityPolicy
 
 CAMERA_TOPIC = 'image_raw'
+
+
+def take_waiting(subscription: Any) -> Iterator[Any]:
+    """Take the messages that wait for a subscription, one by one."""
+    while True:
+        with subscription.handle:
+            found = subscription.handle.take_message(subscription.msg_type, False)
+        if found is None:
+            return
+        yield found[0]
 
 
 class Input:
@@ -78,12 +89,8 @@ class Input:
 
     def drain(self) -> None:
         """Take what waits."""
-        while True:
-            with self.subscription.handle:
-                found = self.subscription.handle.take_message(self._kind, False)
-            if found is None:
-                return
-            self._take(found[0])
+        for message in take_waiting(self.subscription):
+            self._take(message)
 
     def _take(self, message: Any) -> None:
         if self._first is not None:
