@@ -163,13 +163,10 @@ def graph(side: int, frames: int, *arguments: str) -> Iterator[Any]:
     with tempfile.TemporaryDirectory() as folder:
         scenario = Path(folder) / 'empty.yaml'
         scenario.write_text(SCENARIO.format(side=side, frames=frames), encoding='utf-8')
-        run = start_bringup(
-            Path(folder) / 'run', *SDT, '--scenario', str(scenario), *arguments,
-            domain_id=DOMAIN)
-        try:
+        with start_bringup(
+                Path(folder) / 'run', *SDT, '--scenario', str(scenario), *arguments,
+                domain_id=DOMAIN) as run:
             yield run
-        finally:
-            run.end()
 
 
 if __name__ == '__main__':

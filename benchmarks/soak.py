@@ -68,18 +68,15 @@ def main() -> int:
 
     with tempfile.TemporaryDirectory() as spare:
         folder = options.results or Path(spare) / 'run'
-        run = start_bringup(
-            folder, '--detector', 'sdt', '--scenario', 'empty', '--loop', '--lockstep',
-            domain_id=DOMAIN)
         soak = Soak()
-        try:
+        with start_bringup(
+                folder, '--detector', 'sdt', '--scenario', 'empty', '--loop', '--lockstep',
+                domain_id=DOMAIN) as run:
             run.wait_for_rows(200, within_s=600.0)
             with Intruder(DOMAIN) as stranger:
                 hurt(run, stranger, soak, options, np.random.default_rng(options.seed))
             run.process.send_signal(signal.SIGINT)
             code, out, err = run.finish()
-        finally:
-            run.end()
         print(out.partition('P_D:')[0])
         checks = [*account(run, soak, code, out + err), *flatness(soak), rate(run, np)]
         for good, text in checks:

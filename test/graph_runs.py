@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from typing import Self
 
 ROOT = Path(__file__).resolve().parents[1]
 BRINGUP = ROOT / 'scripts' / 'bringup.py'
@@ -34,10 +35,16 @@ def own_domain(other: int = 0) -> int:
 
 @dataclass
 class GraphRun:
-    """A started ``bringup.py`` and the folder of its results."""
+    """A started ``bringup.py`` and the folder of its results; in ``with`` it ends with that."""
 
     process: subprocess.Popen
     results: Path
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.end()
 
     def finish(self, within_s: float = _ENDS_WITHIN_S) -> tuple[int, str, str]:
         """Wait for the end; return exit code, stdout and stderr."""

@@ -38,15 +38,13 @@ def evaluate(*arguments):
 def recorded(tmp_path_factory):
     """Return the bag of a run of two detectors, and the run's results."""
     folder = tmp_path_factory.mktemp('recorded')
-    run = start_bringup(
-        folder / 'live', '--detector', 'cdt', 'sdt', '--lockstep', '--scenario', 'three_objects',
-        '--snr', '15', '--frames', str(FRAMES), '--record', str(folder / 'bag'),
-        '--set', 'cdt.operating_point=nominal', '--set', 'sdt.operating_point=nominal',
-        '--set', 'evaluator.gate_cells=2.0', domain_id=own_domain())
-    try:
+    with start_bringup(
+            folder / 'live', '--detector', 'cdt', 'sdt', '--lockstep', '--scenario',
+            'three_objects', '--snr', '15', '--frames', str(FRAMES), '--record',
+            str(folder / 'bag'), '--set', 'cdt.operating_point=nominal',
+            '--set', 'sdt.operating_point=nominal', '--set', 'evaluator.gate_cells=2.0',
+            domain_id=own_domain()) as run:
         code, _, err = run.finish()
-    finally:
-        run.end()
     assert code == 0, err
     return folder / 'bag', run.results
 

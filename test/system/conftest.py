@@ -1,5 +1,7 @@
 """Graphs for the system tests, and a listener beside them."""
 
+from contextlib import ExitStack
+
 from graph_runs import own_domain
 from graph_runs import start_bringup
 from intruder import INJECTED
@@ -23,16 +25,9 @@ TOPICS = {
 @pytest.fixture
 def bringup(tmp_path):
     """Return a function that starts ``bringup.py``; whatever it started ends with the test."""
-    runs = []
-
-    def start(*arguments, results='run'):
-        run = start_bringup(tmp_path / results, *arguments, domain_id=own_domain())
-        runs.append(run)
-        return run
-
-    yield start
-    for run in runs:
-        run.end()
+    with ExitStack() as runs:
+        yield lambda *arguments, results='run': runs.enter_context(
+            start_bringup(tmp_path / results, *arguments, domain_id=own_domain()))
 
 
 @pytest.fixture

@@ -65,19 +65,14 @@ def test_all_detectors_run_side_by_side(bringup):
 def twice(tmp_path_factory):
     """Return two runs of the same command, the last output, and the first's summary after each."""
     folder = tmp_path_factory.mktemp('twice') / 'run'
-    runs, kept = [], []
-    try:
-        for _ in range(2):
-            runs.append(start_bringup(
+    summary, kept = folder / 'summary.json', []
+    for _ in range(2):
+        with start_bringup(
                 folder, '--detector', 'sdt', '--lockstep', '--seed', '7', '--snr', '12',
-                domain_id=own_domain()))
-            code, out, err = runs[-1].finish()
-            assert code == 0, err
-            summary = folder / 'summary.json'
-            kept.append((summary.read_bytes(), summary.stat().st_mtime_ns))
-    finally:
-        for run in runs:
-            run.end()
+                domain_id=own_domain()) as run:
+            code, out, err = run.finish()
+        assert code == 0, err
+        kept.append((summary.read_bytes(), summary.stat().st_mtime_ns))
     return folder, out, kept
 
 

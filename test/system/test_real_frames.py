@@ -5,6 +5,7 @@ The sequences lie in shared/data beside the checkout, and are no part of it: a c
 them skips these tests, save under ``CI=true``, where they must be there.
 """
 
+from contextlib import ExitStack
 import os
 from pathlib import Path
 import subprocess
@@ -38,7 +39,7 @@ def sequence(name):
 def started(tmp_path_factory):
     """Return a run for every sequence that is there; at once, since each needs one core."""
     runs = {}
-    try:
+    with ExitStack() as within:
         for number, (name, detector) in enumerate(SEQUENCES.items()):
             if not (DATA / f'{name}.npz').is_file():
                 continue
@@ -46,14 +47,11 @@ def started(tmp_path_factory):
             subprocess.run(
                 [sys.executable, str(ROOT / 'scripts' / 'convert.py'), str(DATA / f'{name}.npz'),
                  '--out', str(folder / 'frames')], check=True, timeout=120, capture_output=True)
-            runs[name] = start_bringup(
+            runs[name] = within.enter_context(start_bringup(
                 folder / 'run', '--replay', str(folder / 'frames'), '--detector', detector,
                 '--snr', '8', '--lockstep', '--record', str(folder / 'recorded'),
-                domain_id=own_domain(number))
+                domain_id=own_domain(number)))
         yield runs
-    finally:
-        for run in runs.values():
-            run.end()
 
 
 @pytest.fixture

@@ -39,14 +39,11 @@ def recorded(tmp_path_factory):
     @functools.cache
     def record(storage):
         folder = tmp_path_factory.mktemp(storage)
-        run = start_bringup(
-            folder / 'live', *RUN, '--scenario', 'example3', '--snr', '12', '--seed', '7',
-            '--frames', str(FRAMES), '--record', str(folder / 'bag'), '--storage', storage,
-            domain_id=own_domain())
-        try:
+        with start_bringup(
+                folder / 'live', *RUN, '--scenario', 'example3', '--snr', '12', '--seed', '7',
+                '--frames', str(FRAMES), '--record', str(folder / 'bag'), '--storage', storage,
+                domain_id=own_domain()) as run:
             return folder / 'bag', *frames_csv(run)
-        finally:
-            run.end()
     return record
 
 

@@ -49,9 +49,9 @@ def survivor(tmp_path_factory):
     """Return a function that gives a run, each node of it ended by a signal, and its end."""
     @functools.cache
     def survive(number):
-        run = start_bringup(
-            tmp_path_factory.mktemp('survivor') / 'run', *LOCKSTEP, domain_id=own_domain())
-        try:
+        with start_bringup(
+                tmp_path_factory.mktemp('survivor') / 'run', *LOCKSTEP,
+                domain_id=own_domain()) as run:
             run.wait_for_rows(100)
             for module in NODES:
                 end_a_node(run, module, number)
@@ -60,8 +60,6 @@ def survivor(tmp_path_factory):
             ended = run.finish()
             run.wait_until_none_is_left()
             return run, *ended
-        finally:
-            run.end()
     return survive
 
 

@@ -89,16 +89,13 @@ def lone(tmp_path_factory):
         yield None
         return
     results = tmp_path_factory.mktemp('lone') / 'run'
-    run = GraphRun(subprocess.Popen(
-        ['unshare', *own, '-n', 'sh', '-c', 'ip link set lo up && exec "$@"', 'sh',
-         sys.executable, BRINGUP, '--results', results, *RUN],
-        env=graph_environment(own_domain(1)), stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        text=True), results)
-    try:
+    with GraphRun(subprocess.Popen(
+            ['unshare', *own, '-n', 'sh', '-c', 'ip link set lo up && exec "$@"', 'sh',
+             sys.executable, BRINGUP, '--results', results, *RUN],
+            env=graph_environment(own_domain(1)), stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            text=True), results) as run:
         run.wait_for_rows(20)
         yield run, ['nsenter', '-t', str(run.process.pid), *into, '-n', 'ip']
-    finally:
-        run.end()
 
 
 @pytest.fixture(scope='module')

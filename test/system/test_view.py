@@ -1,9 +1,7 @@
 """What ``--view`` shows of a real run, and that showing it changes nothing."""
 
 import json
-import os
 from pathlib import Path
-import signal
 
 from graph_runs import own_domain
 from graph_runs import start_bringup
@@ -70,15 +68,12 @@ def coloured(picture, colour):
 @pytest.fixture(scope='module')
 def widowed(tmp_path_factory):
     """Return a run whose viewer died; other tests go on while it waits for the dead."""
-    run = start_bringup(
-        tmp_path_factory.mktemp('widowed') / 'run', '--detector', 'cdt', '--rate', '20', '--view',
-        domain_id=own_domain(1))
-    try:
+    with start_bringup(
+            tmp_path_factory.mktemp('widowed') / 'run', '--detector', 'cdt', '--rate', '20',
+            '--view', domain_id=own_domain(1)) as run:
         run.wait_for_rows(10)
-        os.kill(run.nodes()['viewer_node'], signal.SIGKILL)
+        run.kill('viewer_node')
         yield run
-    finally:
-        run.end()
 
 
 @pytest.mark.usefixtures('widowed')

@@ -82,19 +82,15 @@ def heard(seconds, enter='', **environment):
 
 def main(results, listens_s):
     """Run the graph until all have listened."""
-    with other_host() as enter:
-        run = GraphRun(subprocess.Popen(
-            [sys.executable, str(BRINGUP), '--results', results, '--detector', 'cdt', '--loop',
-             '--rate', '50'],
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True), Path(results))
-        try:
-            run.wait_for_rows(200, PATIENCE_S)
-            said = datagrams(enter)
-            print(json.dumps({
-                'datagrams': said, 'neighbour': heard(PATIENCE_S),
-                'stranger': heard(float(listens_s), enter, ROS_STATIC_PEERS=HOST)}))
-        finally:
-            run.end()
+    with other_host() as enter, GraphRun(subprocess.Popen(
+            [sys.executable, str(BRINGUP), '--results', results, '--detector', 'cdt',
+             '--loop', '--rate', '50'],
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True), Path(results)) as run:
+        run.wait_for_rows(200, PATIENCE_S)
+        said = datagrams(enter)
+        print(json.dumps({
+            'datagrams': said, 'neighbour': heard(PATIENCE_S),
+            'stranger': heard(float(listens_s), enter, ROS_STATIC_PEERS=HOST)}))
 
 
 if __name__ == '__main__':
