@@ -25,6 +25,12 @@ def wait_for(text, path, within_s=30.0):
         time.sleep(0.05)
 
 
+def wait_for_bag(run, folder):
+    """Wait until frames stand in a bag, whatever comes."""
+    while sum(path.stat().st_size for path in folder.glob('*.mcap')) < 100_000:
+        run.wait_for_rows(len(run.rows()) + 2)
+
+
 def check_whole(run):
     """Check that the table has every frame that was published, and none twice."""
     frames = run.summary()['frames']
@@ -90,9 +96,7 @@ def test_node_that_cannot_be_started_is_tried_again(bringup):
 
 def test_recorder_on_a_full_disk_does_not_end_the_run(bringup, small_disk):
     run = bringup(*RUN, '--record', str(small_disk / 'bag'))
-    run.wait_for_rows(20)
-    while sum(path.stat().st_size for path in (small_disk / 'bag').glob('*.mcap')) < 100_000:
-        run.wait_for_rows(len(run.rows()) + 2)
+    wait_for_bag(run, small_disk / 'bag')
     fill(small_disk / 'ballast')
     log = run.results / 'log' / 'recorder.log'
     wait_for('recording failed after', log)
@@ -108,7 +112,7 @@ def test_recorder_on_a_full_disk_does_not_end_the_run(bringup, small_disk):
 
 def test_a_killed_recorder_goes_on_in_a_bag_of_its_own(bringup, tmp_path):
     run = bringup(*RUN, '--record', str(tmp_path / 'bag'))
-    run.wait_for_rows(200)
+    wait_for_bag(run, tmp_path / 'bag')
     run.kill('recorder_node')
     run.wait_for_restarts(1)
     run.wait_for_rows(len(run.rows()) + 200)
