@@ -1,10 +1,12 @@
 """A full disk, and folders removed under a run: the run goes on, and no score is lost."""
 
+from functools import partial
 import shutil
 import signal
 import time
 
 from conftest import fill
+from diagnostic_msgs.msg import DiagnosticStatus
 from lowsnr_eval.bags.reader import Bag
 import pytest
 
@@ -41,14 +43,14 @@ def check_whole(run):
     assert (run.results / 'latency.csv').read_text().count('\n') == 1 + frames['scored']
 
 
-def test_scores_wait_for_room_on_a_full_disk(bringup, small_disk):
+def test_scores_wait_for_room_on_a_full_disk(bringup, small_disk, intruder):
     run = bringup(*RUN, results='disk/run')
     run.wait_for_rows(40)
     fill(small_disk / 'ballast')
-    log = run.results / 'log' / 'evaluator.log'
-    time.sleep(2.0)  # so long that many a score must wait
+    said = 'scores are kept until they can be written'
+    status, *_ = intruder.wait(partial(intruder.told, '/evaluator', said))
+    assert status.level == DiagnosticStatus.ERROR
     (small_disk / 'ballast').unlink()
-    wait_for('scores are kept until they can be written', log)
     rows = len(run.rows())
     run.wait_for_rows(rows + 200)
     assert stop(run)[0] == 130
