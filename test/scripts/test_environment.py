@@ -95,9 +95,9 @@ def seconds(code):
     return min(times)
 
 
-def test_second_start_adds_less_than_a_third_of_a_second():
+def test_second_start_costs_less_than_ten_of_python_itself():
     code = f'import sys; sys.path.insert(0, {str(ROOT / "scripts")!r}); import _environment; '
-    assert seconds(code + '_environment.ensure()') < seconds('pass') + 0.3
+    assert seconds(code + '_environment.ensure()') < 10.0 * seconds('pass')
 
 
 def test_script_goes_on_in_the_environment_of_the_tests():
