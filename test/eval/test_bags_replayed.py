@@ -241,7 +241,9 @@ def test_recording_is_summed_up_in_a_line(tmp_path):
     assert describe_bag(tmp_path / 'no') == f'nothing was recorded in {tmp_path}/no'
     with FrameBag(tmp_path / 'early') as bag:
         bag.add(np.zeros((2, 2)), 1, None)
-    assert 'recording ended early' in describe_bag(tmp_path / 'early')
+    for spoil in (Path.exists, lambda path: path.write_text(''), Path.unlink):  # a full disk
+        spoil(tmp_path / 'early' / 'metadata.yaml')
+        assert 'recording ended early' in describe_bag(tmp_path / 'early')
     with FrameBag(tmp_path / 'bag', custom={CUSTOM_LOSSES: '{"/image_raw": 3}'}) as bag:
         bag.add(np.zeros((2, 2)), 1, None)
     assert describe_bag(tmp_path / 'bag') == (

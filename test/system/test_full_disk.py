@@ -8,6 +8,7 @@ import time
 from conftest import fill
 from diagnostic_msgs.msg import DiagnosticStatus
 from lowsnr_eval.bags.reader import Bag
+from lowsnr_eval.bags.writer import METADATA_FILE
 import pytest
 
 RUN = ('--detector', 'cdt', '--loop', '--lockstep')
@@ -28,8 +29,9 @@ def wait_for(text, path, within_s=30.0):
 
 
 def wait_for_bag(run, folder):
-    """Wait until frames stand in a bag, whatever comes."""
-    while sum(path.stat().st_size for path in folder.glob('*.mcap')) < 100_000:
+    """Wait until frames, and what the bag is, stand on the disk, whatever comes."""
+    while not (folder / METADATA_FILE).exists() or sum(
+            path.stat().st_size for path in folder.glob('*.mcap')) < 100_000:
         run.wait_for_rows(len(run.rows()) + 2)
 
 

@@ -58,12 +58,15 @@ def bags_of(bag: Path) -> list[Path]:
 
 def describe_bag(folder: Path) -> str:
     """Say in a line what a recorder left in a folder."""
+    if not (folder.is_dir() and any(folder.iterdir())):
+        return f'nothing was recorded in {folder}'
     try:
         tree = yaml.safe_load((folder / METADATA_FILE).read_text(encoding='utf-8'))
     except OSError:
-        return f'nothing was recorded in {folder}'
-    information = tree['rosbag2_bagfile_information']
-    losses = (information['custom_data'] or {}).get(CUSTOM_LOSSES)
+        tree = None
+    # A disk may have been full before there were any, or when they were written.
+    information = (tree or {}).get('rosbag2_bagfile_information') or {}
+    losses = (information.get('custom_data') or {}).get(CUSTOM_LOSSES)
     if losses is None:
         return f'recording ended early; the bag in {folder} is good up to there'
     lost = json.loads(losses)
