@@ -5,6 +5,7 @@ import re
 import signal
 import time
 
+from diagnostic_msgs.msg import DiagnosticArray
 from lowsnr_sensor.ros.messages import stamp_key
 from lowsnr_sensor.ros.qos import reliable
 from onlooker import onlooker
@@ -25,18 +26,25 @@ class Operator:
 
     def __init__(self, node, executor):
         self.node, self.executor = node, executor
-        self.declared = {}
+        self.declared, self.reports = {}, {}
         node.create_subscription(
             Detection2DArray, 'detections', self._hear, reliable(10_000))
+        node.create_subscription(
+            DiagnosticArray, '/diagnostics', self._hear_report, reliable(1000))
 
     def _hear(self, message):
         self.declared[stamp_key(message.header.stamp) // SECOND] = bool(message.detections)
+
+    def _hear_report(self, message):
+        for status in message.status:
+            counts = {item.key: item.value for item in status.values if item.value.isdigit()}
+            self.reports[status.name] = status.message, counts
 
     def wait(self, condition, within_s=120.0):
         """Take messages until a condition holds."""
         until = time.monotonic() + within_s
         while not condition():
-            assert time.monotonic() < until, 'the condition did not come true'
+            assert time.monotonic() < until, self.reports
             self.executor.spin_once(timeout_sec=0.1)
 
     def call(self, kind, service, request):
