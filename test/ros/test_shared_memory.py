@@ -12,7 +12,6 @@ from lowsnr_eval.shared_memory import clear_leftovers
 from lowsnr_eval.shared_memory import close_ports
 import pytest
 
-SHARED = Path('/dev/shm')
 NODE = """
 import rclpy
 rclpy.init()

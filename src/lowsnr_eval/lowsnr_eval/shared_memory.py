@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 import contextlib
 import fcntl
 import mmap
@@ -34,9 +35,8 @@ def clear_leftovers(folder: Path = _FOLDER) -> int:
     for lock in folder.glob('fastrtps_*_el'):
         with contextlib.suppress(OSError):  # it lives, or belongs to somebody else
             if _SEGMENT.fullmatch(lock.name) and not _may_be_starting(lock):
-                with lock.open('rb') as claim:
-                    fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                    _guarded(lock).unlink(missing_ok=True)
+                with _claimed(lock) as segment:
+                    segment.unlink(missing_ok=True)
                     lock.unlink()
                     cleared += 1
     return cleared
@@ -60,9 +60,8 @@ def close_ports(folder: Path = _FOLDER) -> int:
     for lock in folder.glob('fastrtps_port*_el'):
         with contextlib.suppress(OSError, ValueError):  # it lives, or is another's, or is empty
             if found := _PORT.fullmatch(lock.name):
-                with lock.open('rb') as claim:
-                    fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                    closed += _close(_guarded(lock), int(found[1]))
+                with _claimed(lock) as port:
+                    closed += _close(port, int(found[1]))
     return closed
 
 
@@ -75,8 +74,12 @@ def _close(port: Path, number: int) -> bool:
         return True
 
 
-def _guarded(lock: Path) -> Path:
-    return lock.with_name(lock.name.removesuffix('_el'))
+@contextlib.contextmanager
+def _claimed(lock: Path) -> Iterator[Path]:
+    """Hold a lock, and give what it guards; OSError where its process lives."""
+    with lock.open('rb') as claim:
+        fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield lock.with_name(lock.name.removesuffix('_el'))
 
 
 def _may_be_starting(lock: Path) -> bool:
