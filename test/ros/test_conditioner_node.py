@@ -110,3 +110,22 @@ def test_without_truth_there_are_no_topics_of_it(context):
     assert not node.count_publishers('conditioned/ground_truth')
     assert not node.count_subscribers('ground_truth')
     node.destroy_node()
+
+
+def test_what_a_camera_sent_before_the_node_was_ready_is_not_answered(context, client, spin):
+    node = ConditionerNode(context=context, parameter_overrides=[
+        Parameter('truth', value=False), Parameter('live', value=True)])
+    answers = []
+    client.create_subscription(Image, 'conditioned/image_raw', answers.append, 100)
+    publisher = client.create_publisher(Image, 'image_raw', 100)
+    node.trigger_configure()
+    spin(lambda: publisher.get_subscription_count()
+         and node.count_subscribers('conditioned/image_raw'), client)
+    for stamp_s in (1.0, 2.0, 3.0):
+        publisher.publish(camera_image(np.ones(SHAPE), stamp_s))
+    publisher.wait_for_all_acked()
+    node.trigger_activate()
+    publisher.publish(camera_image(np.ones(SHAPE), 4.0))
+    spin(lambda: answers, node)
+    assert [answer.header.stamp.sec for answer in answers] == [4]
+    node.destroy_node()

@@ -48,13 +48,21 @@ class Input:
         self._node, self._kind, self._topic, self._qos = node, kind, topic, qos
         self._callback, self._first = callback, first
         self.needed, self._steady = needed, needed and steady
-        self.awaited = needed and not (node.settings.live and topic == CAMERA_TOPIC)
+        self._of_camera = node.settings.live and topic == CAMERA_TOPIC
+        self.awaited = needed and not self._of_camera
         self._heard_s = 0.0
         self._incompatible = ''
         self.subscription = self._subscribe()
 
     def begin(self) -> None:
-        """Take silence from now on."""
+        """
+        Take silence from now on, and of a camera only what it sends from now on.
+
+        A recorder is ready before the others, but what waits here may have come before that.
+        """
+        if self._of_camera and not self._node.settings.lives:
+            for _ in take_waiting(self.subscription):
+                pass
         self._heard_s = time.perf_counter()
 
     def silence(self) -> str:
