@@ -97,6 +97,10 @@ class Intruder:
         """Return the stamp of the newest message of the graph on a topic [s]."""
         return self._newest.get(topic, 0) // 1_000_000_000
 
+    def level(self, node):
+        """Return the level of a node's newest status; None where there is none yet."""
+        return next((status.level for status in self.reports.get(node, [])[-1:]), None)
+
     def counts(self, node):
         """Return the newest values of a node's status by key."""
         reports = self.reports.get(node, [])

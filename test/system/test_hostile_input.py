@@ -136,7 +136,7 @@ def test_strangers_that_do_not_fit_are_named_and_may_come_and_go(bringup, intrud
             intruder.leave(topic)
             INJECTED['publisher that comes and goes'] += 1
     run.wait_for_rows(len(run.rows()) + 40)
-    intruder.wait(lambda: intruder.reports['/cdt_detector'][-1].level == DiagnosticStatus.OK)
+    intruder.wait(lambda: intruder.level('/cdt_detector') == DiagnosticStatus.OK)
     run.process.send_signal(signal.SIGINT)
     check_end(run, 130)
     check_frames(run)
