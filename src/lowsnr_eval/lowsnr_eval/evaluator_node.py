@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from functools import partial
 import time
 from typing import Any
@@ -29,6 +30,8 @@ from vision_msgs.msg import Detection2DArray
 
 _SUMMARY_EVERY_S = 1.0
 _CHECKPOINT_EVERY = 5  # summaries
+# What a node that is back heard while it was starting, it has answered after this time.
+_CAUGHT_UP_S, _MOST_BACK = 1.0, 100
 
 
 class EvaluatorNode(ManagedNode):
@@ -46,6 +49,7 @@ class EvaluatorNode(ManagedNode):
             resumed=self.settings.lives > 0)
         depth = reliable(self.settings.queue_depth)
         self._rounds = 0
+        self._back: deque[tuple[float, str]] = deque(maxlen=_MOST_BACK)
         self._scored = self.create_publisher(DiagnosticArray, 'scored', depth)
         self.outputs = {self._scored: self.settings.consumers}
         for topic in self._judge.topics:
@@ -96,15 +100,25 @@ class EvaluatorNode(ManagedNode):
             self._judge.see(messages.stamp_key(image.header.stamp), frame)
 
     def _on_timer(self) -> None:
-        self._score(time.monotonic() - self.run.answer_within_s)
+        now_s = time.monotonic()
+        while self._back and now_s - self._back[0][0] > _CAUGHT_UP_S:
+            back_s, node = self._back.popleft()
+            self._judge.expect_no_more(node, back_s)
+        self._score(now_s - self.run.answer_within_s)
         if self.active:
             self._settle()
 
     def _on_restart(self, message: DiagnosticArray) -> None:
-        """Expect nothing of a node that was started again to what came before it was."""
+        """
+        Expect nothing of a node that was started again to what came before it was.
+
+        Of what came while it was starting it has heard the later part: that it may yet answer.
+        """
+        now_s = time.monotonic()
         for status in message.status:
             since = {item.key: item.value for item in status.values}.get('started_s_ago', '0')
-            self._judge.expect_no_more(status.name, time.monotonic() - float(since))
+            self._judge.expect_no_more(status.name, now_s - float(since))
+            self._back.append((now_s, status.name))
         self._score()
 
     def _settle(self) -> None:
