@@ -6,10 +6,15 @@ import subprocess
 import sys
 import time
 
+from dying_sender import die_in
+from dying_sender import port_of
+from dying_sender import sending_to
 from graph_runs import graph_environment
 from graph_runs import own_domain
 from lowsnr_eval.shared_memory import clear_leftovers
 from lowsnr_eval.shared_memory import close_ports
+from lowsnr_eval.shared_memory import free_ports
+from lowsnr_eval.shared_memory import MUTEXES_AT
 import pytest
 
 NODE = """
@@ -40,12 +45,12 @@ def guarded(lock):
 
 @pytest.fixture(scope='module')
 def processes():
-    """Return the locks of a process that was killed, and of one that lives: segments, ports."""
+    """Return the locks of a process that was killed, and of one that lives, and its id."""
     dead, *gone = start_node(own_domain())
     living, *kept = start_node(own_domain(1))  # it does not use the ports of the other
     dead.kill()
     dead.wait()
-    yield gone, kept
+    yield gone, kept, living.pid
     lived = living.poll() is None
     living.kill()
     living.wait()
@@ -56,7 +61,7 @@ def processes():
 
 @pytest.mark.parametrize('made_s', [1.0, time.time() + 1e6])  # long ago, before it was set back
 def test_segments_of_a_killed_process_are_removed_and_those_of_others_stay(processes, made_s):
-    (gone, _), (kept, _) = processes
+    (gone, _), (kept, _), _ = processes
     assert gone
     assert kept
     for lock in gone | kept:
@@ -69,7 +74,7 @@ def test_segments_of_a_killed_process_are_removed_and_those_of_others_stay(proce
 
 
 def test_ports_of_a_killed_process_are_closed_and_those_of_others_stay(processes):
-    (_, gone), (_, kept) = processes
+    (_, gone), (_, kept), _ = processes
     assert gone
     assert kept
     before = {lock: guarded(lock).read_bytes() for lock in gone}
@@ -82,15 +87,27 @@ def test_ports_of_a_killed_process_are_closed_and_those_of_others_stay(processes
     assert all(guarded(lock).read_bytes()[changed[0]] & 1 for lock in kept)
 
 
+@pytest.mark.parametrize('offset', MUTEXES_AT)
+def test_what_a_killed_sender_left_locked_is_unlocked_and_what_another_holds_is_not(
+        processes, offset):
+    port = port_of(processes[-1])
+    free_ports()  # what others left
+    die_in(port, offset)
+    assert free_ports() == 1
+    with sending_to(port, offset):
+        assert free_ports() == 0
+
+
 def test_what_is_not_the_middlewares_is_left_alone(tmp_path):
     names = ['fastrtps_0123456789abcdef', 'fastrtps_port7411', 'fastrtps_port7411_el',
-             'fastrtps_port7412', 'fastrtps_port7412_el', 'fastrtps_port7413_el', 'other_el',
-             'fastrtps_short_el']
+             'fastrtps_port7412', 'fastrtps_port7412_el', 'fastrtps_port7413',
+             'fastrtps_port7413_el', 'other_el', 'fastrtps_short_el']
     for name in (*names, 'fastrtps_0123456789abcdef_el'):
         (tmp_path / name).touch()
-    (tmp_path / 'fastrtps_port7412').write_bytes(bytes(1000))
-    assert close_ports(tmp_path) == 0
-    assert (tmp_path / 'fastrtps_port7412').read_bytes() == bytes(1000)
+    (tmp_path / 'fastrtps_port7412').write_bytes(bytes(50_000))
+    (tmp_path / 'fastrtps_port7413').write_bytes(b'port_node_abi5')
+    assert close_ports(tmp_path) == free_ports(tmp_path) == 0
+    assert (tmp_path / 'fastrtps_port7412').read_bytes() == bytes(50_000)
     assert clear_leftovers(tmp_path) == 0  # just made: its process may be starting
     os.utime(tmp_path / 'fastrtps_0123456789abcdef_el', (1.0, 1.0))
     for name in names[1:]:

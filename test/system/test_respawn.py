@@ -1,14 +1,18 @@
 """Nodes that die are started again: every frame is scored, unanswered or unseen, none is lost."""
 
 import functools
+import itertools
 import json
 import os
 import signal
 import time
 
+from dying_sender import die_in
+from dying_sender import port_of
 from graph_runs import own_domain
 from graph_runs import start_bringup
 from intruder import INJECTED
+from lowsnr_eval.shared_memory import MUTEXES_AT
 import numpy as np
 import pytest
 from run_checks import check_end
@@ -98,6 +102,17 @@ def test_any_node_may_die_at_any_frame(bringup):
     assert sum(run.summary()['restarts'].values()) == DEATHS
     assert len(run.rows()) == 4 * (frames['scored'] + frames['unanswered'])
     assert frames['published'] >= float(run.rows()[-1].split(',')[1])  # frame k is at k s
+
+
+def test_a_node_killed_while_it_sent_leaves_nobody_deaf(bringup):
+    run = bringup(*LOCKSTEP, '--set', 'evaluator.answer_within_s=600.0')
+    run.wait_for_rows(100)
+    for module, offset in itertools.product(('tracker_node', 'evaluator_node'), MUTEXES_AT):
+        die_in(port_of(run.nodes()[module]), offset)
+        end_a_node(run, 'detector_node', signal.SIGKILL)
+    run.process.send_signal(signal.SIGINT)
+    check_end(run, 130)
+    check_account(run, lost_at_most=5)
 
 
 def test_ids_of_tracks_are_not_used_again(survivor):

@@ -17,6 +17,7 @@ from lowsnr_eval.respawning import RespawnPolicy
 from lowsnr_eval.ros.manager import Manager
 from lowsnr_eval.shared_memory import clear_leftovers
 from lowsnr_eval.shared_memory import close_ports
+from lowsnr_eval.shared_memory import free_ports
 from tqdm import tqdm
 
 RESTARTS_FILE = 'restarts.csv'
@@ -80,6 +81,7 @@ class Respawner:
         if wait_s is None or member.process.returncode in _FINAL.get(node.name, (_USAGE_ERROR,)):
             self._cases.pop(node, None)
             return False
+        free_ports()
         clear_leftovers()
         close_ports()
         first = self._cases.get(node)

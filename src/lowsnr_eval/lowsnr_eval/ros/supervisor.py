@@ -24,6 +24,7 @@ from lowsnr_eval.ros.manager import DEACTIVATE
 from lowsnr_eval.ros.manager import GraphFailure
 from lowsnr_eval.ros.manager import Manager
 from lowsnr_eval.ros.respawner import Respawner
+from lowsnr_eval.shared_memory import free_ports
 from tqdm import tqdm
 
 _START_WITHIN_S = 600.0
@@ -178,6 +179,7 @@ class Supervisor:
         if not (spare and self._manager.scored):
             raise GraphFailure(report)
         self._missed[member.node] = report
+        free_ports()
         tqdm.write(f'the run goes on without {report}', file=sys.stderr)
 
     def _source_done(self) -> bool:
