@@ -13,14 +13,14 @@ import struct
 import time
 
 _FOLDER = Path('/dev/shm')
-# A segment or port, and the lock that its process holds as long as it lives.
+# The lock of a segment, which its process holds as long as it lives, and a port.
 _SEGMENT = re.compile(r'fastrtps_[0-9a-f]{16}_el')
 _PORT = re.compile(r'fastrtps_port(\d+)')
 # A process that is starting has made the file, and may not hold the lock yet.
 _STARTING_S = 10.0
 # In a port of Fast DDS 2.14: its version, its number, and a byte with whether it is in order.
 _VERSION, _NUMBER_AT, _STATE_AT, _IN_ORDER = b'port_node_abi5', 276, 300, 1
-# Its mutexes, and in one whether it is locked, by which thread, and its kind: between processes.
+# Its mutexes on x86-64; in one, whether it is locked, by which thread, and its kind: shared.
 MUTEXES_AT, _MUTEX, _SHARED = (20808, 20848), struct.Struct('<i4xi4xi'), 128
 # Whoever lives holds one for some microseconds.
 _HELD_S = 0.01
