@@ -31,7 +31,7 @@ def wait_for(text, path, within_s=30.0):
 def wait_for_bag(run, folder):
     """Wait until frames, and what the bag is, stand on the disk, whatever comes."""
     while not (folder / METADATA_FILE).exists() or sum(
-            path.stat().st_size for path in folder.glob('*.mcap')) < 100_000:
+            path.stat().st_size for path in folder.glob('*.mcap')) < 400_000:
         run.wait_for_rows(len(run.rows()) + 2)
 
 
