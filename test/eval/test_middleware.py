@@ -14,7 +14,8 @@ def profile(folder, frame_bytes, **environment):
     found = middleware_environment(environment, folder, frame_bytes)
     assert found == {
         'FASTRTPS_DEFAULT_PROFILES_FILE': str(folder / PROFILE_FILE),
-        'FASTDDS_DEFAULT_PROFILES_FILE': str(folder / PROFILE_FILE)}
+        'FASTDDS_DEFAULT_PROFILES_FILE': str(folder / PROFILE_FILE),
+        'RMW_FASTRTPS_USE_QOS_FROM_XML': '1'}
     return ElementTree.parse(folder / PROFILE_FILE).getroot()
 
 

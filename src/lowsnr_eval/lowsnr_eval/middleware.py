@@ -8,6 +8,8 @@ from pathlib import Path
 PROFILE_FILE = 'fastdds.xml'
 # Read by Fast DDS 2 (Jazzy) and by later ones.
 _VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
+# Has ROS leave to the profile what it sets itself: data sharing, and how memory is kept.
+_FROM_PROFILE = {'RMW_FASTRTPS_USE_QOS_FROM_XML': '1'}
 # Discovery beyond this host; so it is where nothing is said.
 _RANGE, _WIDE = 'ROS_AUTOMATIC_DISCOVERY_RANGE', ('', 'SUBNET', 'SYSTEM_DEFAULT')
 # What Fast DDS's own segment of half a megabyte holds well.
@@ -29,14 +31,22 @@ _PROFILE = """\
             <period><nanosec>100000000</nanosec></period>
           </initialAnnouncements>
         </discovery_config>
+        <readerHistoryMemoryPolicy>PREALLOCATED_WITH_REALLOC</readerHistoryMemoryPolicy>
+        <writerHistoryMemoryPolicy>PREALLOCATED_WITH_REALLOC</writerHistoryMemoryPolicy>
       </builtin>
     </rtps>
   </participant>
   <data_writer profile_name="lowsnr" is_default_profile="true">
+    <qos><data_sharing><kind>OFF</kind></data_sharing></qos>
     <times>
       <heartbeatPeriod><sec>0</sec><nanosec>100000000</nanosec></heartbeatPeriod>
     </times>
+    <historyMemoryPolicy>DYNAMIC</historyMemoryPolicy>
   </data_writer>
+  <data_reader profile_name="lowsnr" is_default_profile="true">
+    <qos><data_sharing><kind>OFF</kind></data_sharing></qos>
+    <historyMemoryPolicy>DYNAMIC</historyMemoryPolicy>
+  </data_reader>
 </profiles>
 """
 _TRANSPORTS = """\
@@ -78,10 +88,11 @@ def middleware_environment(
     A profile of Fast DDS, unless the environment names one.  By default processes that start
     together may miss one another, a process that starts later learns of those that are there, and
     a lost message or word of its arrival is made up for, after three seconds; here after a tenth
-    or a quarter of one.  A frame that does not fit into the default
-    segment of shared memory goes through UDP in pieces, which takes ten times as long; for such
-    frames there is a segment that holds them.  Where discovery is limited to this host, so are
-    the sockets: by default they are open to everybody who knows the address of the host.
+    or a quarter of one.  A frame that does not fit into the default segment of shared memory goes
+    through UDP in pieces, which takes ten times as long; for such frames there is a segment that
+    holds them.  By default the place of a message in a queue keeps the room of the largest that
+    ever was there; here a message that is gone leaves none.  Where discovery is limited to this
+    host, so are the sockets: by default they are open to everybody who knows its address.
 
     Parameters
     ----------
@@ -105,7 +116,7 @@ def middleware_environment(
         transports, use = _TRANSPORTS.format(room=room, only=only), _USE
     path = (folder / PROFILE_FILE).resolve()
     path.write_text(_PROFILE.format(transports=transports, use=use), encoding='utf-8')
-    return dict.fromkeys(_VARIABLES, str(path))
+    return dict.fromkeys(_VARIABLES, str(path)) | _FROM_PROFILE
 
 
 def _stays_on_host(environment: Mapping[str, str]) -> bool:
