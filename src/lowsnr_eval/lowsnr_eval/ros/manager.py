@@ -61,8 +61,7 @@ class Manager:
         self, nodes: Iterable[GraphNode], check: Callable[[], None],
         on_scored: Callable[[int, int, int], None],
     ) -> None:
-        self._check = check
-        self._on_scored = on_scored
+        self._check, self._on_scored = check, on_scored
         self.scored = self._detections = self._tracks = 0
         self._context = rclpy.Context()
         rclpy.init(
@@ -77,11 +76,12 @@ class Manager:
             for node in nodes}
         self._scored = self._node.create_subscription(
             DiagnosticArray, 'scored', self._count, reliable(10_000))
-        self.published, self.newest_ns = 0, -1
-        self._timeline = Timeline()
+        self.published, self.newest_ns, self._timeline = 0, -1, Timeline()
         self.restarted: Counter[str] = Counter()
+        self._followed = [self._scored]
         if any(node.source for node in self._services):  # else a clock is somebody else's
-            self._node.create_subscription(Clock, 'clock', self._on_clock, reliable(10_000))
+            self._followed.append(self._node.create_subscription(
+                Clock, 'clock', self._on_clock, reliable(10_000)))
         self._paths = {node.path for node in nodes}
         self._active: dict[str, str] = {}  # process by node
         self.statuses: dict[str, DiagnosticStatus] = {}  # the newest of each active node
@@ -145,6 +145,12 @@ class Manager:
         for event in take_waiting(self._parameters):
             self._on_parameters(event)
         return self._changed.get(node.path, {})
+
+    def catch_up(self) -> None:
+        """Take all that has come of frames sent and scored; a spin takes one message."""
+        for subscription in self._followed:
+            for message in take_waiting(subscription):
+                subscription.callback(message)
 
     def announce(self, node: GraphNode, death: str, started_s_ago: float) -> None:
         """Tell all that a node was started again, so that nobody waits for what it had."""

@@ -76,6 +76,7 @@ class Respawner:
         node, now_s = member.node, time.monotonic()
         if node in self._cases and self._cases[node].process is not member:
             return True  # waits for its start
+        self.manager.catch_up()
         deaths = self._deaths.setdefault(node, Deaths(self.policy))
         wait_s = deaths.add(now_s)
         if wait_s is None or member.process.returncode in _FINAL.get(node.name, (_USAGE_ERROR,)):

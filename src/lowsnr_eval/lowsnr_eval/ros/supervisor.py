@@ -29,7 +29,7 @@ from tqdm import tqdm
 
 _START_WITHIN_S = 600.0
 _ACTIVATE_WITHIN_S = 30.0
-_FLUSH_WITHIN_S = 1.0
+_FLUSH_WITHIN_S = 2.0
 DONE, FAILED, INTERRUPTED = 0, 1, 130
 
 
@@ -101,6 +101,7 @@ class Supervisor:
                 failed = isinstance(error, GraphFailure)
                 return (FAILED, str(error)) if failed else (INTERRUPTED, 'interrupted')
             finally:
+                self._manager.catch_up()
                 self.account.published = self._manager.published
                 self.account.restarts = self._manager.restarted
                 self._manager.close()
