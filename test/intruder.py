@@ -7,6 +7,7 @@ import time
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
+from lowsnr_sensor.ros.inputs import take_waiting
 from lowsnr_sensor.ros.messages import stamp_key
 from lowsnr_sensor.ros.qos import reliable
 from onlooker import onlooker
@@ -35,9 +36,10 @@ class Intruder:
         self._sent = 0
         self.node.create_subscription(
             DiagnosticArray, '/diagnostics', self._on_diagnostics, reliable(1000))
-        for topic, kind in HEARD.items():
-            self.node.create_subscription(
+        self._heard = {
+            topic: self.node.create_subscription(
                 kind, topic, partial(self._on_message, topic), reliable(1000))
+            for topic, kind in HEARD.items()}
 
     def __enter__(self):
         return self
@@ -89,13 +91,18 @@ class Intruder:
     def next_stamp(self, topic):
         """Return a stamp between those of a topic's newest and next, later than the last."""
         self._sent += 1
-        newest = self._newest.get(topic.removesuffix('/odometry'), 0)
+        newest = self._newest_of(topic.removesuffix('/odometry'))
         seconds, nanoseconds = divmod(newest + 500_000_000 + self._sent, 1_000_000_000)
         return Time(sec=seconds, nanosec=nanoseconds)
 
     def newest_s(self, topic):
         """Return the stamp of the newest message of the graph on a topic [s]."""
-        return self._newest.get(topic, 0) // 1_000_000_000
+        return self._newest_of(topic) // 1_000_000_000
+
+    def _newest_of(self, topic):
+        for message in take_waiting(self._heard[topic]) if topic in self._heard else ():
+            self._on_message(topic, message)
+        return self._newest.get(topic, 0)
 
     def level(self, node):
         """Return the level of a node's newest status; None where there is none yet."""

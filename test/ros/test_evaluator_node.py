@@ -3,7 +3,7 @@
 from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.msg import KeyValue
-from lowsnr_eval.evaluator_node import EvaluatorNode
+from lowsnr_eval import evaluator_node
 from lowsnr_sensor.ros.messages import stamp_from_seconds
 from lowsnr_sensor.ros.qos import reliable
 import pytest
@@ -19,7 +19,7 @@ TOPICS = ('ground_truth', 'detections', 'tracks')
 def evaluator(context, tmp_path):
     values = {'results': str(tmp_path / 'run'), 'detectors': ['cdt'], 'scenario': 'empty',
               'answer_within_s': 600.0}
-    node = EvaluatorNode(context=context, parameter_overrides=[
+    node = evaluator_node.EvaluatorNode(context=context, parameter_overrides=[
         Parameter(name, value=value) for name, value in values.items()])
     node.autostart()
     yield node
@@ -70,7 +70,8 @@ def test_frame_that_a_node_missed_while_it_was_away_is_not_waited_for(
 
 
 def test_frame_that_a_node_heard_while_it_was_starting_is_waited_for(
-        graph, missing, spin, tmp_path):
+        graph, missing, spin, tmp_path, monkeypatch):
+    monkeypatch.setattr(evaluator_node, '_CAUGHT_UP_S', 60.0)
     publishers, scored = graph
     publishers['restarts'].publish(restart(60.0))
     with pytest.raises(AssertionError):

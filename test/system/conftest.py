@@ -6,6 +6,7 @@ from graph_runs import own_domain
 from graph_runs import start_bringup
 from intruder import INJECTED
 from intruder import Intruder
+from lowsnr_sensor.ros.inputs import take_waiting
 from lowsnr_sensor.ros.qos import reliable
 from machine import Machine
 from nav_msgs.msg import Odometry
@@ -61,14 +62,18 @@ def hear(bringup):
     def run(*arguments):
         messages = {topic: [] for topic in TOPICS}
         with onlooker('listener') as (node, executor):
-            for topic, kind in TOPICS.items():
-                node.create_subscription(kind, topic, messages[topic].append, reliable(1000))
+            readers = [node.create_subscription(
+                kind, topic, messages[topic].append, reliable(1000))
+                for topic, kind in TOPICS.items()]
             # The listener is one more reader that the nodes wait for, of the sensor's clock too.
             started = bringup(
                 '--detector', 'cdt', '--rate', '50', '--set', 'cdt.consumers=3',
                 '--set', 'tracker.consumers=2', '--set', 'sensor.observers=1', *arguments)
             while started.process.poll() is None:
                 executor.spin_once(timeout_sec=0.05)
+            for reader in readers:
+                for message in take_waiting(reader):
+                    reader.callback(message)
         code, _, err = started.finish()
         assert code == 0, err
         return messages

@@ -16,7 +16,7 @@ import pytest
 
 TOPIC = '/camera/image_raw'
 RUN = ('--camera', TOPIC, '--detector', 'cdt', '--set', 'cdt.operating_point=manual',
-       '--set', 'cdt.threshold=3.0', '--snr', '12')
+       '--set', 'cdt.threshold=3.0', '--snr', '12', '--camera-within', '60')
 
 
 @pytest.fixture

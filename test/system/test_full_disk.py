@@ -1,6 +1,8 @@
 """A full disk, and folders removed under a run: the run goes on, and no score is lost."""
 
 from functools import partial
+import os
+from pathlib import Path
 import shutil
 import signal
 import time
@@ -12,6 +14,16 @@ from lowsnr_eval.bags.writer import METADATA_FILE
 import pytest
 
 RUN = ('--detector', 'cdt', '--loop', '--lockstep')
+
+
+def remove_results(run, instead=None):
+    """Remove the results, or put a file in their place, while nobody writes there."""
+    evaluator = run.nodes()['evaluator_node']
+    os.kill(evaluator, signal.SIGSTOP)
+    shutil.rmtree(run.results)
+    if instead is not None:
+        run.results.write_text(instead)
+    os.kill(evaluator, signal.SIGCONT)
 
 
 def stop(run):
@@ -64,7 +76,7 @@ def test_scores_wait_for_room_on_a_full_disk(bringup, small_disk, intruder):
 def test_results_folder_that_is_removed_comes_back(bringup, restart):
     run = bringup(*RUN)
     run.wait_for_rows(100)
-    shutil.rmtree(run.results)
+    remove_results(run)
     until = time.monotonic() + 30.0
     while not (run.results / 'summary.json').exists():
         assert time.monotonic() < until
@@ -85,9 +97,11 @@ def test_results_folder_that_is_removed_comes_back(bringup, restart):
 def test_node_that_cannot_be_started_is_tried_again(bringup):
     run = bringup(*RUN)
     run.wait_for_rows(20)
-    shutil.rmtree(run.results)
-    run.results.write_text('in the way')
+    remove_results(run, instead='in the way')
+    detector = Path('/proc', str(run.nodes()['detector_node']))
     run.kill('detector_node')
+    while detector.exists():  # until bring-up knows
+        time.sleep(0.02)
     time.sleep(3.0)
     run.results.unlink()
     run.wait_for_restarts(1)

@@ -1,7 +1,6 @@
 """A stranger on the domain publishes what it likes: the graph goes on and says what it refuses."""
 
 from functools import partial
-import signal
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from garbage import BY_TYPE
@@ -18,6 +17,7 @@ from rclpy.qos import qos_profile_sensor_data
 from rclpy.qos import QoSProfile
 from run_checks import check_end
 from run_checks import check_frames
+from run_checks import interrupt
 from run_checks import wait_for_all_scored
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
@@ -68,10 +68,10 @@ def test_garbage_on_every_topic_ends_nothing(bringup, intruder, tmp_path):
         intruder.wait(partial(intruder.told, '/evaluator', topic, node, '/intruder'))
     leave(intruder)
     wait_for_all_scored(run, intruder)
-    run.process.send_signal(signal.SIGINT)
+    lines = interrupt(run)
     check_end(run, 130)
     assert not missing
-    check_frames(run)
+    check_frames(run, lines)
 
 
 def say(intruder, said):
@@ -137,6 +137,6 @@ def test_strangers_that_do_not_fit_are_named_and_may_come_and_go(bringup, intrud
             INJECTED['publisher that comes and goes'] += 1
     run.wait_for_rows(len(run.rows()) + 40)
     intruder.wait(lambda: intruder.level('/cdt_detector') == DiagnosticStatus.OK)
-    run.process.send_signal(signal.SIGINT)
+    lines = interrupt(run)
     check_end(run, 130)
-    check_frames(run)
+    check_frames(run, lines)

@@ -47,7 +47,7 @@ def test_all_detectors_run_side_by_side(bringup):
     settings = [f'{name}.operating_point=nominal' for name in names]
     run = bringup('--detector', *names, '--lockstep', '--frames', '12', '--snr', '12',
                   *(word for text in settings for word in ('--set', text)))
-    code, out, err = run.finish()
+    code, out, err = run.finish(within_s=600.0)
     assert code == 0, err
     summary = run.summary()
     assert summary['frames'] == {'published': 12, 'scored': 12, 'unanswered': 0, 'unseen': 0}

@@ -19,6 +19,7 @@ from rclpy.serialization import serialize_message
 from run_checks import check_end
 from run_checks import check_frames
 from run_checks import first_answer_after
+from run_checks import interrupt
 from run_checks import wait_for_all_scored
 from vision_msgs.msg import Detection2DArray
 
@@ -42,9 +43,9 @@ def test_nodes_that_stand_still_at_any_frame_lose_nothing(bringup, intruder):
             os.kill(pid, signal.SIGCONT)
             INJECTED['SIGSTOP'] += 1
     wait_for_all_scored(run, intruder)
-    run.process.send_signal(signal.SIGINT)
+    lines = interrupt(run)
     check_end(run, 130)
-    check_frames(run)
+    check_frames(run, lines)
 
 
 def memory_mib(pid):
@@ -73,9 +74,9 @@ def test_flood_is_survived_in_bounded_memory(bringup, intruder):
     newest = intruder.newest_s('/image_raw')
     recovered = intruder.wait(lambda: first_answer_after(run, newest))
     run.wait_for_rows(recovered + 80)
-    run.process.send_signal(signal.SIGINT)
+    lines = interrupt(run)
     check_end(run, 130)
-    check_frames(run, loose=FLOOD)
+    check_frames(run, lines, loose=FLOOD)
     silent = [row for row in run.rows()[recovered:recovered + 80] if not row.split(',')[5]]
     assert not silent
 
@@ -136,6 +137,6 @@ def test_network_may_be_gone_for_ten_seconds(lone, outage, require_program):
 def check_that_it_goes_on(run):
     """Check that frames are scored after an outage, and what the run holds at its end."""
     run.wait_for_rows(len(run.rows()) + 80)
-    run.process.send_signal(signal.SIGINT)
+    lines = interrupt(run)
     check_end(run, 130)
-    check_frames(run)
+    check_frames(run, lines)

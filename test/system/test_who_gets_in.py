@@ -78,7 +78,7 @@ def test_named_peers_are_let_in(reached):
 
 
 def test_sockets_that_hear_are_bound_to_this_host(bringup):
-    domain = own_domain() // 2  # its ports lie below those that sockets for sending get
+    domain = own_domain(1)
     run = bringup('--detector', 'cdt', '--loop', '--rate', '50', '--domain-id', str(domain))
     run.wait_for_rows(20, 120.0)
     first = 7400 + 250 * domain
