@@ -43,9 +43,11 @@ def missing_peer(outputs: Mapping[Any, int], inputs: Iterable[Any]) -> str:
     return ''
 
 
-def wait_for_readers(publishers: Iterable[Any]) -> None:
-    """Wait until every reader has every message, but 10 s at most: one may have died."""
-    until = time.monotonic() + _ACKNOWLEDGED_WITHIN_S
+def wait_for_readers(
+    publishers: Iterable[Any], within_s: float = _ACKNOWLEDGED_WITHIN_S,
+) -> None:
+    """Wait until every reader has every message, but not for long [s]: one may have died."""
+    until = time.monotonic() + within_s
     for publisher in publishers:
         left_s = max(0.0, until - time.monotonic())
         publisher.wait_for_all_acked(Duration(seconds=left_s))

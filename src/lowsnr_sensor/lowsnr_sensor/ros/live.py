@@ -6,9 +6,12 @@ from typing import Any
 
 from lowsnr_sensor.config import changed
 from lowsnr_sensor.config import flat_values
+from lowsnr_sensor.ros.connections import wait_for_readers
 from lowsnr_sensor.ros.lifecycle import SteadyLifecycleNode
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
+
+_EVENTS, _KNOWN_WITHIN_S = '/parameter_events', 1.0
 
 
 class SettingsNode(SteadyLifecycleNode):
@@ -47,6 +50,9 @@ class SettingsNode(SteadyLifecycleNode):
                 f'{name} = {new} (was {old})' for name, old, new in self._differences(live)))
             self.live = live
             self.on_set()
+            # Only then is it said to be set: whoever starts the node again must know it.
+            wait_for_readers(
+                (each for each in self.publishers if each.topic_name == _EVENTS), _KNOWN_WITHIN_S)
         return result
 
     def set_parameters(self, parameter_list: list[Parameter]) -> list[SetParametersResult]:
