@@ -23,11 +23,15 @@ assert ctypes.CDLL(None).pthread_mutex_unlock(mutex) == 0
 """
 
 
+def open_files(pid: int) -> list[Path]:
+    """Return the files that a process has open."""
+    return [Path(os.readlink(link)) for link in Path(f'/proc/{pid}/fd').iterdir()]
+
+
 def port_of(pid: int) -> Path:
     """Return the port at which a process hears what others send to its domain."""
-    held = [Path(os.readlink(link)) for link in Path(f'/proc/{pid}/fd').iterdir()]
     numbers = [int(path.name.removeprefix('fastrtps_port').removesuffix('_el'))
-               for path in held if path.match('fastrtps_port*_el')]
+               for path in open_files(pid) if path.match('fastrtps_port*_el')]
     return Path(f'/dev/shm/fastrtps_port{max(numbers)}')
 
 

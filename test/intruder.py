@@ -7,7 +7,7 @@ import time
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
-from lowsnr_sensor.ros.inputs import take_waiting
+from lowsnr_sensor.ros.inputs import drain
 from lowsnr_sensor.ros.messages import stamp_key
 from lowsnr_sensor.ros.qos import reliable
 from onlooker import onlooker
@@ -100,8 +100,8 @@ class Intruder:
         return self._newest_of(topic) // 1_000_000_000
 
     def _newest_of(self, topic):
-        for message in take_waiting(self._heard[topic]) if topic in self._heard else ():
-            self._on_message(topic, message)
+        if topic in self._heard:
+            drain(self._heard[topic])
         return self._newest.get(topic, 0)
 
     def level(self, node):

@@ -1,12 +1,12 @@
 """Leftovers of the middleware in shared memory: those of killed processes go."""
 
 import os
-from pathlib import Path
 import subprocess
 import sys
 import time
 
 from dying_sender import die_in
+from dying_sender import open_files
 from dying_sender import port_of
 from dying_sender import sending_to
 from graph_runs import graph_environment
@@ -32,8 +32,7 @@ def start_node(domain_id):
         [sys.executable, '-c', NODE], env=graph_environment(domain_id), text=True,
         stdout=subprocess.PIPE)
     assert process.stdout.readline() == 'up\n'
-    held = [Path(os.readlink(link)) for link in Path(f'/proc/{process.pid}/fd').iterdir()]
-    locks = {path for path in held if path.name.endswith('_el')}
+    locks = {path for path in open_files(process.pid) if path.name.endswith('_el')}
     ports = {lock for lock in locks if 'port' in lock.name}
     return process, locks - ports, ports
 

@@ -6,7 +6,7 @@ from graph_runs import own_domain
 from graph_runs import start_bringup
 from intruder import INJECTED
 from intruder import Intruder
-from lowsnr_sensor.ros.inputs import take_waiting
+from lowsnr_sensor.ros.inputs import drain
 from lowsnr_sensor.ros.qos import reliable
 from machine import Machine
 from nav_msgs.msg import Odometry
@@ -72,8 +72,7 @@ def hear(bringup):
             while started.process.poll() is None:
                 executor.spin_once(timeout_sec=0.05)
             for reader in readers:
-                for message in take_waiting(reader):
-                    reader.callback(message)
+                drain(reader)
         code, _, err = started.finish()
         assert code == 0, err
         return messages

@@ -8,7 +8,7 @@ from graph_runs import start_bringup
 from lowsnr_eval.look import rgb
 from lowsnr_eval.look import TRACK
 from lowsnr_eval.look import TRUTH
-from lowsnr_sensor.ros.inputs import take_waiting
+from lowsnr_sensor.ros.inputs import drain
 from lowsnr_sensor.ros.messages import array_to_estimates
 from lowsnr_sensor.ros.messages import stamp_key
 from lowsnr_sensor.ros.qos import reliable
@@ -54,8 +54,7 @@ def watch(bringup):
             while started.process.poll() is None:
                 executor.spin_once(timeout_sec=0.05)
             for reader in readers:
-                for message in take_waiting(reader):
-                    reader.callback(message)
+                drain(reader)
         code, _, err = started.finish()
         assert code == 0, err
         return seen, started

@@ -17,7 +17,7 @@ from lifecycle_msgs.srv import GetState
 from lowsnr_eval.graph import MANAGER
 from lowsnr_eval.graph import Node as GraphNode
 from lowsnr_eval.ros.transition import PendingTransition
-from lowsnr_sensor.ros.inputs import take_waiting
+from lowsnr_sensor.ros.inputs import drain
 from lowsnr_sensor.ros.messages import stamp_key
 from lowsnr_sensor.ros.qos import reliable
 from lowsnr_sensor.timeline import Timeline
@@ -142,15 +142,13 @@ class Manager:
 
     def changed(self, node: GraphNode) -> dict[str, Any]:
         """Return the parameters of a node that were set while it ran, up to the last."""
-        for event in take_waiting(self._parameters):
-            self._on_parameters(event)
+        drain(self._parameters)
         return self._changed.get(node.path, {})
 
     def catch_up(self) -> None:
-        """Take all that has come of frames sent and scored; a spin takes one message."""
+        """Take all that has come of frames sent and scored."""
         for subscription in self._followed:
-            for message in take_waiting(subscription):
-                subscription.callback(message)
+            drain(subscription)
 
     def announce(self, node: GraphNode, death: str, started_s_ago: float) -> None:
         """Tell all that a node was started again, so that nobody waits for what it had."""

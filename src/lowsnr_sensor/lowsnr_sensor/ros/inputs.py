@@ -27,6 +27,12 @@ def take_waiting(subscription: Any) -> Iterator[Any]:
         yield found[0]
 
 
+def drain(subscription: Any) -> None:
+    """Hand the messages that wait for a subscription to its callback; a spin takes one."""
+    for message in take_waiting(subscription):
+        subscription.callback(message)
+
+
 class Input:
     """
     A subscription of a managed node.
@@ -95,14 +101,9 @@ class Input:
                 message_lost=self._on_lost, incompatible_qos=self._on_incompatible,
                 use_default_callbacks=False))
 
-    def drain(self) -> None:
-        """Take what waits."""
-        for message in take_waiting(self.subscription):
-            self._take(message)
-
     def _take(self, message: Any) -> None:
         if self._first is not None:
-            self._first.drain()
+            drain(self._first.subscription)
         self._heard_s = time.perf_counter()
         try:
             self._callback(message)
