@@ -82,10 +82,10 @@ def main() -> int:
 
 def measure(method: Method, snr_db: float, options: argparse.Namespace) -> list[dict[str, Any]]:
     """Calibrate every variant of a method and score all on the same runs."""
-    from lowsnr_detect.calibration import calibrated
-    from lowsnr_detect.false_alarms import empty_frame_peaks
-    from lowsnr_detect.false_alarms import Simulation
-    from lowsnr_sensor.measurement import SensorModel
+    from lowsnr_common.core.measurement import SensorModel
+    from lowsnr_detect.calibration.calibration import calibrated
+    from lowsnr_detect.calibration.false_alarms import empty_frame_peaks
+    from lowsnr_detect.calibration.false_alarms import Simulation
     from lowsnr_sensor.scenario import load_scenario
 
     scenario = load_scenario(ROOT / 'config' / 'scenarios' / 'random.yaml')
@@ -123,8 +123,8 @@ def bound_for(place: tuple[float, float] | None) -> dict[str, Any]:
 
 def all_hits(detector: Any, scenario: Any, sensor: Any, runs: int, seed: int) -> Any:
     """Return the share of scored frames with a hit, for each run."""
-    from lowsnr_eval.chain import detect
-    from lowsnr_eval.scoring import Evaluation
+    from lowsnr_common.settings.node_settings import Evaluation
+    from lowsnr_eval.study.offline_chain import detect
     import numpy as np
 
     shares = []
@@ -141,9 +141,9 @@ def all_hits(detector: Any, scenario: Any, sensor: Any, runs: int, seed: int) ->
 
 def simulate(scenario: Any, sensor: Any, seed: int, run: int) -> tuple[Any, Any]:
     """Return states (K, 4), NaN where there is no object, and frames of a run."""
-    from lowsnr_sensor.records import Truth
+    from lowsnr_common.core.records import Truth
+    from lowsnr_common.core.streams import stream
     from lowsnr_sensor.simulator import simulate_frames
-    from lowsnr_sensor.streams import stream
     import numpy as np
 
     (item,) = scenario.objects
@@ -161,8 +161,8 @@ def path_to(item: Any, shape: tuple[int, int], rng: Any) -> Any:
 
     Motion is the same everywhere, so that a path moved to end there is one of those that do.
     """
-    from lowsnr_sensor.motion import POS
-    from lowsnr_sensor.motion import VEL
+    from lowsnr_common.core.motion import POS
+    from lowsnr_common.core.motion import VEL
     import numpy as np
 
     motion = item.random

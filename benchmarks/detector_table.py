@@ -94,10 +94,10 @@ def main() -> int:
 
 def measure(method: Method, snr_db: float, runs: int, seed: int) -> dict[str, Any]:
     """Calibrate a method, run it on frames with and without an object, and score it."""
-    from lowsnr_detect.calibration import calibrated
-    from lowsnr_detect.false_alarms import empty_frame_peaks
-    from lowsnr_detect.false_alarms import Simulation
-    from lowsnr_sensor.measurement import SensorModel
+    from lowsnr_common.core.measurement import SensorModel
+    from lowsnr_detect.calibration.calibration import calibrated
+    from lowsnr_detect.calibration.false_alarms import empty_frame_peaks
+    from lowsnr_detect.calibration.false_alarms import Simulation
     from lowsnr_sensor.scenario import load_scenario
     import numpy as np
 
@@ -122,9 +122,9 @@ def measure(method: Method, snr_db: float, runs: int, seed: int) -> dict[str, An
 
 def build(method: Method, sensor: Any, motion: Any) -> Any:
     """Return the detector of a method; one that reckons with motion is told it."""
-    from lowsnr_detect.registry import detector_class
-    from lowsnr_sensor.config import build_settings
-    from lowsnr_sensor.config import flat_values
+    from lowsnr_common.settings.config import build_settings
+    from lowsnr_common.settings.config import flat_values
+    from lowsnr_detect.parts.registry import detector_class
 
     cls = detector_class(method.detector)
     values = {f'sensor.{key}': value for key, value in flat_values(sensor).items()}
@@ -138,9 +138,9 @@ def block_hits(
     detector: Any, lag: int, scenario: Any, sensor: Any, seed: int, first: int, count: int,
 ) -> Any:
     """Return the share of scored frames with a hit, for each run of a block."""
-    from lowsnr_eval.chain import detect
-    from lowsnr_eval.experiment import simulate_run
-    from lowsnr_eval.scoring import Evaluation
+    from lowsnr_common.settings.node_settings import Evaluation
+    from lowsnr_eval.study.experiment import simulate_run
+    from lowsnr_eval.study.offline_chain import detect
     import numpy as np
 
     truth, frames = zip(*(

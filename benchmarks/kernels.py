@@ -20,17 +20,17 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT / 'test'), *(str(path) for path in (ROOT / 'src').glob('lowsnr_*'))]
 
 from detect import numpy_detectors  # noqa: E402
+from lowsnr_common.core.motion import MotionModes  # noqa: E402
+from lowsnr_common.core.records import Estimate  # noqa: E402
+from lowsnr_common.ros.memory import keep_freed_memory  # noqa: E402
 from lowsnr_detect.detectors.cusum import CUSUM  # noqa: E402
 from lowsnr_detect.detectors.hmm import HMM  # noqa: E402
 from lowsnr_detect.detectors.sdt import SDT  # noqa: E402
 from lowsnr_detect.detectors.tbd2 import MMTBD2  # noqa: E402
-from lowsnr_detect.moves import move_model  # noqa: E402
-from lowsnr_detect.sequential import wald_bounds  # noqa: E402
-from lowsnr_sensor.memory import keep_freed_memory  # noqa: E402
-from lowsnr_sensor.motion import MotionModes  # noqa: E402
-from lowsnr_sensor.records import Estimate  # noqa: E402
-from lowsnr_track.management import TrackLife  # noqa: E402
+from lowsnr_detect.parts.moves import move_model  # noqa: E402
+from lowsnr_detect.parts.wald_bounds import wald_bounds  # noqa: E402
 from lowsnr_track.pda_mmpf import PdaMmpf  # noqa: E402
+from lowsnr_track.track_management import TrackLife  # noqa: E402
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 from sensor import numpy_particles  # noqa: E402

@@ -72,11 +72,11 @@ def measure(
     depth: int, radius: int, snr_db: float, options: argparse.Namespace,
 ) -> dict[str, Any]:
     """Calibrate SDT, run it on frames with and without the object, and score it."""
-    from lowsnr_detect.calibration import calibrated
+    from lowsnr_common.core.measurement import SensorModel
+    from lowsnr_detect.calibration.calibration import calibrated
+    from lowsnr_detect.calibration.false_alarms import empty_frame_peaks
+    from lowsnr_detect.calibration.false_alarms import Simulation
     from lowsnr_detect.detectors.sdt import SDT
-    from lowsnr_detect.false_alarms import empty_frame_peaks
-    from lowsnr_detect.false_alarms import Simulation
-    from lowsnr_sensor.measurement import SensorModel
     from lowsnr_sensor.scenario import load_scenario
 
     scenario = load_scenario(ROOT / 'config' / 'scenarios' / 'example5.yaml')
@@ -98,9 +98,9 @@ def measure(
 
 def all_hits(detector: Any, scenario: Any, runs: int, seed: int) -> Any:
     """Return whether there is a hit, (runs, K)."""
-    from lowsnr_eval.chain import detect
-    from lowsnr_eval.experiment import simulate_run
-    from lowsnr_eval.scoring import Evaluation
+    from lowsnr_common.settings.node_settings import Evaluation
+    from lowsnr_eval.study.experiment import simulate_run
+    from lowsnr_eval.study.offline_chain import detect
     import numpy as np
 
     blocks = []

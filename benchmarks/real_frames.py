@@ -62,7 +62,7 @@ def main() -> int:
 
 def conditioned(frames: Any) -> Any:
     """Return the conditioned frames (T, rows, cols)."""
-    from lowsnr_sensor.conditioning import ConditioningSettings
+    from lowsnr_sensor.conditioning.conditioner import ConditioningSettings
     import numpy as np
 
     settings = ConditioningSettings()
@@ -75,10 +75,10 @@ def conditioned(frames: Any) -> Any:
 
 def tracked(name: str, cells: Any, times_s: Any, seed: int) -> list[list[Any]]:
     """Return the confirmed tracks of every frame; time in median periods, speeds per frame."""
-    from lowsnr_detect.calibration import calibrated
-    from lowsnr_detect.registry import detector_class
-    from lowsnr_sensor.measurement import SensorModel
-    from lowsnr_sensor.streams import stream
+    from lowsnr_common.core.measurement import SensorModel
+    from lowsnr_common.core.streams import stream
+    from lowsnr_detect.calibration.calibration import calibrated
+    from lowsnr_detect.parts.registry import detector_class
     from lowsnr_track.pda_mmpf import PdaMmpf
     import numpy as np
 
@@ -100,7 +100,7 @@ def tracked(name: str, cells: Any, times_s: Any, seed: int) -> list[list[Any]]:
 
 def objects(data: Any) -> Any:
     """Return the known objects in cells, the one to be followed first, (n, T, 2)."""
-    from lowsnr_sensor.conditioning import ConditioningSettings
+    from lowsnr_sensor.conditioning.conditioner import ConditioningSettings
     import numpy as np
 
     others = [data[key] for key in ('other_truth', 'uncatalogued_truth') if key in data]

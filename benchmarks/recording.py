@@ -33,7 +33,7 @@ def parse_arguments() -> argparse.Namespace:
 
 def publish(publisher, options: argparse.Namespace) -> tuple[int, float]:
     """Publish the frames; return their number and the largest delay of one [s]."""
-    from lowsnr_sensor.ros import messages
+    from lowsnr_common.ros import messages
     import numpy as np
     from rclpy.serialization import serialize_message
     from std_msgs.msg import Header
@@ -53,20 +53,20 @@ def publish(publisher, options: argparse.Namespace) -> tuple[int, float]:
 
 def record(folder: Path, options: argparse.Namespace) -> tuple[int, float, float]:
     """Run publisher and recorder; return frames sent, largest delay and recorder's CPU [s]."""
-    from lowsnr_eval.graph import Node
-    from lowsnr_eval.graph import to_yaml
-    from lowsnr_eval.processes import ProcessGroup
-    from lowsnr_eval.ros.manager import ACTIVATE
-    from lowsnr_eval.ros.manager import CONFIGURE
-    from lowsnr_eval.ros.manager import DEACTIVATE
-    from lowsnr_eval.ros.manager import Manager
-    from lowsnr_sensor.ros.qos import frame_depth
-    from lowsnr_sensor.ros.qos import reliable
+    from lowsnr_bringup.plan.graph import Node
+    from lowsnr_bringup.plan.graph import to_yaml
+    from lowsnr_bringup.ros.manager import ACTIVATE
+    from lowsnr_bringup.ros.manager import CONFIGURE
+    from lowsnr_bringup.ros.manager import DEACTIVATE
+    from lowsnr_bringup.ros.manager import Manager
+    from lowsnr_bringup.run.processes import ProcessGroup
+    from lowsnr_common.ros.qos import frame_depth
+    from lowsnr_common.ros.qos import reliable
     import rclpy
     from rclpy.duration import Duration
     from sensor_msgs.msg import Image
 
-    node = Node('recorder', 'lowsnr_eval.recorder_node')
+    node = Node('recorder', 'lowsnr_bringup.recorder_node')
     (folder / 'parameters.yaml').write_text(to_yaml({node.path: {
         'autostart': False, 'bag': str(folder / 'bag'), 'storage': options.storage,
         'topics': [TOPIC], 'rows': options.side, 'cols': options.side}}))
@@ -96,9 +96,9 @@ def main() -> int:
     options = parse_arguments()
     folder = Path(tempfile.mkdtemp(prefix='recording-', dir=options.folder))
     os.environ |= {'ROS_DOMAIN_ID': DOMAIN, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
-    from lowsnr_eval.bags.recorded_run import inspect_bag
-    from lowsnr_eval.bags.recording import describe_bag
-    from lowsnr_eval.middleware import node_environment
+    from lowsnr_bringup.bags.recorded_run import inspect_bag
+    from lowsnr_bringup.bags.recording import describe_bag
+    from lowsnr_bringup.run.middleware import node_environment
     size = 4 * options.side**2
     os.environ |= node_environment(os.environ, folder, size)
     try:

@@ -40,7 +40,7 @@ def round_trips(side: int, count: int) -> list[float]:
 
 
 def _measure(side: int, count: int) -> list[float]:
-    from lowsnr_sensor.ros.messages import frame_to_image
+    from lowsnr_common.ros.messages import frame_to_image
     import numpy as np
     import rclpy
     from sensor_msgs.msg import Image

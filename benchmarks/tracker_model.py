@@ -4,16 +4,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import replace
 
-from lowsnr_sensor.motion import MotionModes
-from lowsnr_sensor.motion import POS
-from lowsnr_sensor.motion import process_noise_cov
-from lowsnr_sensor.motion import VEL
-from lowsnr_sensor.records import Estimate
+from lowsnr_common.core.motion import MotionModes
+from lowsnr_common.core.motion import POS
+from lowsnr_common.core.motion import process_noise_cov
+from lowsnr_common.core.motion import VEL
+from lowsnr_common.core.records import Estimate
 from lowsnr_track.detection_model import DetectionModel
-from lowsnr_track.management import TrackLife
-from lowsnr_track.management import Tracks
 from lowsnr_track.mmpf import uniform_cloud
 from lowsnr_track.pda_mmpf import PdaMmpf
+from lowsnr_track.track_management import TrackLife
+from lowsnr_track.track_management import Tracks
 from lowsnr_track.tracker_state import TrackerState
 import numpy as np
 from track import oracles

@@ -13,12 +13,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from lowsnr_detect.calibration import calibrated
+from lowsnr_common.core.measurement import SensorModel
+from lowsnr_common.core.motion import POS
+from lowsnr_detect.calibration.calibration import calibrated
 from lowsnr_detect.detectors.sdt import SDT
-from lowsnr_eval.chain import detect
-from lowsnr_eval.experiment import simulate_run
-from lowsnr_sensor.measurement import SensorModel
-from lowsnr_sensor.motion import POS
+from lowsnr_eval.study.experiment import simulate_run
+from lowsnr_eval.study.offline_chain import detect
 from lowsnr_sensor.scenario import load_scenario
 from lowsnr_track.pda_mmpf import PdaMmpf
 import numpy as np

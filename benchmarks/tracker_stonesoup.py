@@ -22,12 +22,12 @@ from pathlib import Path
 import time
 from typing import Any
 
-from lowsnr_sensor.motion import POS
+from lowsnr_common.core.motion import POS
 from lowsnr_sensor.scenario import load_scenario
 from lowsnr_track.detection_model import DetectionModel
-from lowsnr_track.management import newborn
 from lowsnr_track.measurements import screen
 from lowsnr_track.pda_mmpf import PdaMmpf
+from lowsnr_track.track_management import newborn
 import numpy as np
 from stonesoup.base import Property
 from stonesoup.dataassociator.probability import PDA

@@ -15,8 +15,8 @@ from _arguments import USAGE
 import _environment
 
 if TYPE_CHECKING:
-    from lowsnr_eval.bags.recorded_run import RecordedRun
-    from lowsnr_eval.run_plan import RunPlan
+    from lowsnr_bringup.bags.recorded_run import RecordedRun
+    from lowsnr_bringup.plan.run_plan import RunPlan
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'config'
@@ -127,10 +127,10 @@ def main() -> int:
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     if options.domain_id is not None:
         os.environ['ROS_DOMAIN_ID'] = str(options.domain_id)
-    from lowsnr_eval.domain import claim_domain
-    from lowsnr_eval.graph import to_yaml
-    from lowsnr_eval.results import fresh_folder
-    from lowsnr_eval.results import PARAMETERS_FILE
+    from lowsnr_bringup.plan.graph import to_yaml
+    from lowsnr_bringup.run.domain import claim_domain
+    from lowsnr_bringup.run.results_folder import fresh_folder
+    from lowsnr_bringup.run.results_folder import PARAMETERS_FILE
     try:
         plan = plan_of(options)
         claim = claim_domain()
@@ -154,11 +154,11 @@ def main() -> int:
 
 def plan_of(options: argparse.Namespace) -> 'RunPlan':
     """Return the checked plan of the run that the options ask for."""
-    from lowsnr_eval.run_options import RunOptions
-    from lowsnr_eval.run_plan import plan_run
+    from lowsnr_bringup.plan.run_options import RunOptions
+    from lowsnr_bringup.plan.run_plan import plan_run
 
     def look(topic: str) -> 'RecordedRun':
-        from lowsnr_eval.ros.camera import look_at_camera
+        from lowsnr_bringup.ros.camera import look_at_camera
         if options.secure is not None:
             secure(options.secure, [])
         return look_at_camera(topic, options.camera_within)
@@ -175,15 +175,15 @@ def plan_of(options: argparse.Namespace) -> 'RunPlan':
 
 def secure(keystore: Path, nodes: list[str]) -> None:
     """Have all that is started from here on enforce security, each node in its own enclave."""
-    from lowsnr_eval.graph import MANAGER
-    from lowsnr_eval.keystore import secured_environment
+    from lowsnr_bringup.plan.graph import MANAGER
+    from lowsnr_bringup.run.security import secured_environment
 
     os.environ |= secured_environment(keystore, [f'/{MANAGER}', *nodes], os.environ)
 
 
 def calibrate(plan: 'RunPlan') -> None:
     """Find the thresholds of matched detectors here, where progress can be shown."""
-    from lowsnr_detect.calibration import calibrated
+    from lowsnr_detect.calibration.calibration import calibrated
     from tqdm import tqdm
 
     for path, detector in plan.detectors.items():
@@ -201,12 +201,12 @@ def calibrate(plan: 'RunPlan') -> None:
 
 def run(plan: 'RunPlan', folder: Path) -> int:
     """Start the graph, wait for its end, and print what it scored."""
-    from lowsnr_eval.aftermath import sum_up
-    from lowsnr_eval.bags.recording import bags_of
-    from lowsnr_eval.bags.recording import describe_bag
-    from lowsnr_eval.middleware import middleware_environment
-    from lowsnr_eval.ros.supervisor import Supervisor
-    from lowsnr_eval.table import format_table
+    from lowsnr_bringup.bags.recording import bags_of
+    from lowsnr_bringup.bags.recording import describe_bag
+    from lowsnr_bringup.ros.supervisor import Supervisor
+    from lowsnr_bringup.run.middleware import middleware_environment
+    from lowsnr_eval.report.table import format_table
+    from lowsnr_eval.scoring.final_summary import sum_up
 
     patience_s = plan.parameters['/evaluator']['answer_within_s'] + 2.0
     os.environ |= middleware_environment(os.environ, folder, plan.frame_bytes)
@@ -231,7 +231,7 @@ def run(plan: 'RunPlan', folder: Path) -> int:
 
 def report(folder: Path) -> None:
     """Write the page that shows the run; scores do not depend on it."""
-    from lowsnr_eval.run_report import write_run_report
+    from lowsnr_eval.report.run_report import write_run_report
 
     command = shlex.join(['python', 'scripts/bringup.py', *sys.argv[1:]])
     try:

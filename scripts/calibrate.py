@@ -71,10 +71,10 @@ def planned(
     options: argparse.Namespace, snr_db: float | None, prob: float | None,
 ) -> list[tuple[str, Any, float, tuple[int, int]]]:
     """Return name, detector, false-alarm probability and frame size, as bringup.py has them."""
-    from lowsnr_detect.registry import detector_class
-    from lowsnr_detect.registry import DETECTORS
-    from lowsnr_eval.run_options import RunOptions
-    from lowsnr_eval.run_plan import plan_run
+    from lowsnr_bringup.plan.run_options import RunOptions
+    from lowsnr_bringup.plan.run_plan import plan_run
+    from lowsnr_detect.parts.registry import detector_class
+    from lowsnr_detect.parts.registry import DETECTORS
 
     detector_class('sdt')  # has every detector register itself
     names = options.detector or sorted(DETECTORS)
@@ -96,7 +96,7 @@ def planned(
 
 def calibrate(name: str, detector: Any, prob: float, shape: tuple[int, int]) -> Any:
     """Return the calibration, showing how far it is where it takes a while."""
-    from lowsnr_detect.calibration import calibrated
+    from lowsnr_detect.calibration.calibration import calibrated
     from tqdm import tqdm
 
     with tqdm(total=100, desc=f'calibrating {name}', unit='%', leave=False,

@@ -15,7 +15,7 @@ from _arguments import USAGE
 import _environment
 
 if TYPE_CHECKING:
-    from lowsnr_eval.bags.image_files import Recording
+    from lowsnr_bringup.bags.image_files import Recording
     import numpy as np
 
 
@@ -50,7 +50,7 @@ def main() -> int:
     """Convert; return the exit code."""
     _environment.ensure()
     options = parse_arguments(sys.argv[1:])
-    from lowsnr_eval.bags.image_files import open_recording
+    from lowsnr_bringup.bags.image_files import open_recording
     made = False
     try:
         if options.out.exists():
@@ -77,9 +77,9 @@ def main() -> int:
 
 def write(recording: 'Recording', options: argparse.Namespace) -> int:
     """Write the bag; return the number of frames."""
-    from lowsnr_eval.bags.truth_table import read_truth
-    from lowsnr_eval.bags.truth_table import truth_of_array
-    from lowsnr_eval.ros.frame_bag import FrameBag
+    from lowsnr_bringup.bags.truth_table import read_truth
+    from lowsnr_bringup.bags.truth_table import truth_of_array
+    from lowsnr_bringup.ros.frame_bag import FrameBag
 
     frames, truth = recording.frames, None
     if recording.truth is not None:

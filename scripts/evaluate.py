@@ -14,7 +14,7 @@ from _arguments import USAGE
 import _environment
 
 if TYPE_CHECKING:
-    from lowsnr_eval.bags.reader import Bag
+    from lowsnr_bringup.bags.reader import Bag
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'config'
@@ -44,7 +44,7 @@ def main() -> int:
     """Score; return the exit code."""
     _environment.ensure()
     options = parse_arguments(sys.argv[1:])
-    from lowsnr_eval.bags.reader import Bag
+    from lowsnr_bringup.bags.reader import Bag
     try:
         with Bag(options.bag) as bag:
             folder = score(bag, options)
@@ -59,13 +59,13 @@ def main() -> int:
 
 def score(bag: 'Bag', options: argparse.Namespace) -> Path:
     """Score a bag; return the folder of the results."""
-    from lowsnr_eval.bags.recorded_chains import find_chains
-    from lowsnr_eval.bags.recording import CUSTOM_PARAMETERS
-    from lowsnr_eval.config_files import load_config
-    from lowsnr_eval.judge import Judge
-    from lowsnr_eval.results import fresh_folder
-    from lowsnr_eval.results import PARAMETERS_FILE
+    from lowsnr_bringup.bags.recording import CUSTOM_PARAMETERS
+    from lowsnr_bringup.plan.config_files import load_config
+    from lowsnr_bringup.run.results_folder import fresh_folder
+    from lowsnr_bringup.run.results_folder import PARAMETERS_FILE
     from lowsnr_eval.ros.recorded_messages import feed
+    from lowsnr_eval.scoring.recorded_chains import find_chains
+    from lowsnr_eval.scoring.run_scoring import Judge
 
     chains = find_chains(bag, load_config(CONFIG), options.frames_topic, options.truth_topic)
     folder = fresh_folder(
@@ -81,8 +81,8 @@ def score(bag: 'Bag', options: argparse.Namespace) -> Path:
 
 def report(folder: Path) -> None:
     """Print the figures and write the page that shows the run."""
-    from lowsnr_eval.run_report import write_run_report
-    from lowsnr_eval.table import format_table
+    from lowsnr_eval.report.run_report import write_run_report
+    from lowsnr_eval.report.table import format_table
 
     print(format_table(json.loads((folder / 'summary.json').read_text(encoding='utf-8'))))
     print(f'results in {folder}')

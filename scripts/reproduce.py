@@ -47,8 +47,8 @@ def main() -> int:
     """Run; return the exit code."""
     _environment.ensure()
     options = parse_arguments(sys.argv[1:])
-    from lowsnr_eval.study_folder import check_folder
-    from lowsnr_eval.workers import workers
+    from lowsnr_eval.study.study_folder import check_folder
+    from lowsnr_eval.study.workers import workers
     try:
         check(options)
         studies = plan(options)
@@ -72,9 +72,9 @@ def check(options: argparse.Namespace) -> None:
 
 def plan(options: argparse.Namespace) -> list[Any]:
     """Return the studies that the options ask for, all checked."""
-    from lowsnr_eval.examples import EXAMPLES
-    from lowsnr_eval.study import plan_study
-    from lowsnr_eval.study_options import StudyOptions
+    from lowsnr_eval.study.examples import EXAMPLES
+    from lowsnr_eval.study.study import plan_study
+    from lowsnr_eval.study.study_options import StudyOptions
     return [
         plan_study(StudyOptions(
             example=number, runs=options.runs, seed=options.seed,
@@ -85,10 +85,10 @@ def plan(options: argparse.Namespace) -> list[Any]:
 
 def run(client: Any, studies: list[Any], options: argparse.Namespace) -> int:
     """Run the studies one after the other, and write what came out of each."""
-    from lowsnr_eval.claims_table import claims_markdown
-    from lowsnr_eval.progress import Bar
-    from lowsnr_eval.reproduction import calibrate_all
-    from lowsnr_eval.study_folder import open_folder
+    from lowsnr_eval.report.claims_table import claims_markdown
+    from lowsnr_eval.study.progress import Bar
+    from lowsnr_eval.study.reproduction import calibrate_all
+    from lowsnr_eval.study.study_folder import open_folder
     folders = [open_folder(options.results / study.example.scenario, study, options.resume)
                for study in studies]
     claims: list[Any] = []
@@ -118,12 +118,12 @@ def run_one(
 ) -> int:
     """Run a study and write what came out of it, also after Ctrl-C; return the exit code."""
     from distributed import KilledWorker
-    from lowsnr_eval.progress import Bar
-    from lowsnr_eval.reproduction import collect
-    from lowsnr_eval.reproduction import draw_all
-    from lowsnr_eval.reproduction import run_study
-    from lowsnr_eval.reproduction import thresholds_by_name
-    from lowsnr_eval.study_report import write_study
+    from lowsnr_eval.report.study_report import write_study
+    from lowsnr_eval.study.progress import Bar
+    from lowsnr_eval.study.reproduction import collect
+    from lowsnr_eval.study.reproduction import draw_all
+    from lowsnr_eval.study.reproduction import run_study
+    from lowsnr_eval.study.reproduction import thresholds_by_name
     status = DONE
     try:
         with Bar() as bar:

@@ -10,11 +10,14 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-MAY_IMPORT = {
-    'lowsnr_sensor': set(),
-    'lowsnr_detect': {'lowsnr_sensor'},
-    'lowsnr_track': {'lowsnr_sensor'},
-    'lowsnr_eval': {'lowsnr_sensor', 'lowsnr_detect', 'lowsnr_track'},
+MAY_IMPORT: dict[str, set[str]] = {
+    'lowsnr_common': set(),
+    'lowsnr_sensor': {'lowsnr_common'},
+    'lowsnr_detect': {'lowsnr_common'},
+    'lowsnr_track': {'lowsnr_common'},
+    'lowsnr_bringup': {'lowsnr_common', 'lowsnr_sensor', 'lowsnr_detect', 'lowsnr_track'},
+    'lowsnr_eval': {
+        'lowsnr_common', 'lowsnr_sensor', 'lowsnr_detect', 'lowsnr_track', 'lowsnr_bringup'},
 }
 SEEDED = {'default_rng', 'Generator', 'SeedSequence'}
 MODULE_LINES = 250
@@ -173,17 +176,19 @@ def test_modules_of_every_package_are_looked_at():
 
 
 LONG = 'def f():\n' + '    x = 1\n' * (FUNCTION_LINES + 1)
-CORE = 'lowsnr_detect.sequential'
+CORE = 'lowsnr_detect.parts.wald_bounds'
 BAD = [
     (cores_without_ros, CORE, 'import rclpy.node'),
     (cores_without_ros, CORE, 'def f():\n    from nav_msgs.msg import Odometry'),
     (cores_without_ros, CORE, 'from lowsnr_sensor.ros import params'),
-    (cores_without_ros, CORE, 'from .detector_node import main'),
+    (cores_without_ros, CORE, 'from ..node.detector_node import main'),
     (one_direction, 'lowsnr_sensor.grid', 'from lowsnr_detect import registry'),
-    (one_direction, 'lowsnr_detect.registry', 'import lowsnr_track.mmpf'),
-    (one_direction, 'lowsnr_track.mmpf', 'from lowsnr_detect.registry import register'),
+    (one_direction, 'lowsnr_detect.parts.registry', 'import lowsnr_track.mmpf'),
+    (one_direction, 'lowsnr_track.mmpf', 'from lowsnr_detect.parts.registry import register'),
     (one_direction, 'lowsnr_track.mmpf', 'import lowsnr_eval'),
-    (privacy, CORE, 'from lowsnr_sensor.config import _convert'),
+    (one_direction, 'lowsnr_bringup.plan.graph', 'from lowsnr_eval.scoring import metrics'),
+    (one_direction, 'lowsnr_common.core.motion', 'import lowsnr_sensor.scenario'),
+    (privacy, CORE, 'from lowsnr_common.settings.config import _convert'),
     (privacy, CORE, 'import numpy._core'),
     (handed_in_randomness, CORE, 'import random'),
     (handed_in_randomness, CORE, 'from numpy.random import normal'),
@@ -198,9 +203,9 @@ BAD = [
     (docstrings, CORE, 'x = 1'),
 ]
 GOOD = [
-    (cores_without_ros, 'lowsnr_sensor.ros.params', 'import rclpy'),
-    (cores_without_ros, 'lowsnr_detect.detector_node', 'from vision_msgs.msg import Detection2D'),
-    (one_direction, 'lowsnr_eval.metrics', 'from lowsnr_track import mmpf'),
+    (cores_without_ros, 'lowsnr_common.ros.parameters', 'import rclpy'),
+    (cores_without_ros, 'lowsnr_detect.node.detector_node', 'import vision_msgs.msg'),
+    (one_direction, 'lowsnr_eval.scoring.metrics', 'from lowsnr_track import mmpf'),
     (privacy, CORE, 'from __future__ import annotations\nfrom ._tables import _steps'),
     (handed_in_randomness, CORE, 'def f(seed):\n    return np.random.default_rng(seed)'),
     (handed_in_randomness, CORE, 'np.random.SeedSequence(7).spawn(2)'),

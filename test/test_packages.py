@@ -9,7 +9,7 @@ from unittest import mock
 import xml.etree.ElementTree as ElementTree
 
 import lowsnr_detect.detectors  # noqa: F401  (its files register themselves)
-from lowsnr_detect.registry import DETECTORS
+from lowsnr_detect.parts.registry import DETECTORS
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -52,8 +52,10 @@ def setup_arguments(package: str) -> dict:
     return arguments
 
 
-def test_four_packages_are_there():
-    assert PACKAGES == ['lowsnr_detect', 'lowsnr_eval', 'lowsnr_sensor', 'lowsnr_track']
+def test_six_packages_are_there():
+    assert PACKAGES == [
+        'lowsnr_bringup', 'lowsnr_common', 'lowsnr_detect', 'lowsnr_eval', 'lowsnr_sensor',
+        'lowsnr_track']
 
 
 @pytest.mark.parametrize('package', PACKAGES)
@@ -72,7 +74,7 @@ def test_manifest_agrees_with_setup(package):
 
 @pytest.mark.parametrize('package', PACKAGES)
 def test_entry_points_name_functions_that_exist(package):
-    for entry in setup_arguments(package)['entry_points']['console_scripts']:
+    for entry in setup_arguments(package).get('entry_points', {}).get('console_scripts', []):
         module, _, function = entry.partition(' = ')[2].partition(':')
         assert callable(getattr(import_module(module), function)), entry
 

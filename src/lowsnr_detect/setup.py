@@ -14,11 +14,12 @@ detectors = sorted(
 setup(
     name=package_name,
     version='0.1.0',
-    description='Sections III, IV-A and V: detectors, registry, calibration, detector node.',
+    description='Sections III, IV-A and V: detectors, calibration, detector node.',
     license='Apache-2.0',
     maintainer='lowsnr maintainers',
     maintainer_email='maintainers@lowsnr.example',
     packages=find_packages(exclude=['test']),
+    package_data={package_name: ['py.typed']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml']),
@@ -28,6 +29,6 @@ setup(
     zip_safe=True,
     entry_points={
         'console_scripts': [
-            f'{name}_node = lowsnr_detect.detector_node:{name}' for name in detectors],
+            f'{name}_node = lowsnr_detect.node.detector_node:{name}' for name in detectors],
     },
 )

@@ -6,11 +6,12 @@ package_name = 'lowsnr_sensor'
 setup(
     name=package_name,
     version='0.1.0',
-    description='Section II: motion, sensor, scenarios, simulator and the shared kernel.',
+    description='Section II: scenarios, simulated sensor, conditioning of real frames.',
     license='Apache-2.0',
     maintainer='lowsnr maintainers',
     maintainer_email='maintainers@lowsnr.example',
     packages=find_packages(exclude=['test']),
+    package_data={package_name: ['py.typed']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml']),

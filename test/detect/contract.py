@@ -2,12 +2,12 @@
 
 from dataclasses import replace
 
-from lowsnr_detect.calibration import calibrate
-from lowsnr_detect.false_alarms import empty_frame_peaks
-from lowsnr_detect.false_alarms import Simulation
-from lowsnr_sensor.config import build_settings
-from lowsnr_sensor.config import flat_values
-from lowsnr_sensor.measurement import SensorModel
+from lowsnr_common.core.measurement import SensorModel
+from lowsnr_common.settings.config import build_settings
+from lowsnr_common.settings.config import flat_values
+from lowsnr_detect.calibration.calibration import calibrate
+from lowsnr_detect.calibration.false_alarms import empty_frame_peaks
+from lowsnr_detect.calibration.false_alarms import Simulation
 import numpy as np
 import pytest
 

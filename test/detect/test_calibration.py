@@ -7,15 +7,15 @@ import os
 import subprocess
 import sys
 
-from lowsnr_detect import calibration_cache
-from lowsnr_detect.calibration import at_operating_point
-from lowsnr_detect.calibration import calibrate
-from lowsnr_detect.calibration import calibrated
+from lowsnr_common.core.measurement import SensorModel
+from lowsnr_common.settings.node_settings import DetectionSettings
+from lowsnr_detect.calibration import cache as calibration_cache
+from lowsnr_detect.calibration.calibration import at_operating_point
+from lowsnr_detect.calibration.calibration import calibrate
+from lowsnr_detect.calibration.calibration import calibrated
 from lowsnr_detect.detectors.cdt import CDT
 from lowsnr_detect.detectors.hmm import HMM
 from lowsnr_detect.detectors.sdt import SDT
-from lowsnr_sensor.measurement import SensorModel
-from lowsnr_sensor.node_settings import DetectionSettings
 import numpy as np
 import pytest
 
@@ -98,8 +98,12 @@ def test_too_few_runs_or_frames_are_named():
 def counted(monkeypatch):
     """Count the calibrations that are made."""
     made = []
-    monkeypatch.setattr('lowsnr_detect.calibration.calibrate', lambda *args, **options: (
-        made.append(args), calibrate(*args, **options))[1])
+
+    def counting(*args, **options):
+        made.append(args)
+        return calibrate(*args, **options)
+
+    monkeypatch.setattr('lowsnr_detect.calibration.calibration.calibrate', counting)
     return made
 
 
@@ -164,7 +168,7 @@ def test_default_folder_is_the_users_cache(tmp_path, monkeypatch):
 AT_ONCE = """
 import sys
 from pathlib import Path
-from lowsnr_detect.calibration import calibrated
+from lowsnr_detect.calibration.calibration import calibrated
 from lowsnr_detect.detectors.sdt import SDT
 print(calibrated(SDT(), 0.1, (7, 5), folder=Path(sys.argv[1]), runs=40, frames=10))
 """

@@ -1,8 +1,8 @@
 """CDT is the closed form of a threshold on a normal number."""
 
-from lowsnr_detect.calibration import calibrate
+from lowsnr_common.core.measurement import SensorModel
+from lowsnr_detect.calibration.calibration import calibrate
 from lowsnr_detect.detectors.cdt import CDT
-from lowsnr_sensor.measurement import SensorModel
 import numpy as np
 import pytest
 from scipy.stats import norm

@@ -5,8 +5,8 @@ from pathlib import Path
 import re
 
 from detect.contract import CHECKS
-from lowsnr_detect.registry import detector_class
-from lowsnr_detect.registry import DETECTORS
+from lowsnr_detect.parts.registry import detector_class
+from lowsnr_detect.parts.registry import DETECTORS
 import pytest
 
 EIGHT = ('cdt', 'cusum', 'hmm', 'mmtbd1', 'mmtbd2', 'sdt', 'tbd1', 'tbd2')
@@ -27,7 +27,7 @@ def test_detector(name, check):
 @pytest.fixture
 def ninth(tmp_path, monkeypatch):
     """Return the detector that CONTRIBUTING.md shows, from a file of its own."""
-    monkeypatch.setattr('lowsnr_detect.registry.DETECTORS', dict(DETECTORS))
+    monkeypatch.setattr('lowsnr_detect.parts.registry.DETECTORS', dict(DETECTORS))
     (source,) = re.findall(
         r'```python\n(.*?)```', CONTRIBUTING.read_text(encoding='utf-8'), re.DOTALL)
     path = tmp_path / 'memory.py'

@@ -3,9 +3,9 @@
 from dataclasses import replace
 import itertools
 
+from lowsnr_common.core.measurement import SensorModel
 from lowsnr_detect.detectors.cusum import CUSUM
-from lowsnr_detect.moves import move_model
-from lowsnr_sensor.measurement import SensorModel
+from lowsnr_detect.parts.moves import move_model
 import numpy as np
 import pytest
 

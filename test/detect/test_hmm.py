@@ -3,14 +3,14 @@
 from dataclasses import replace
 
 from detect import oracles
+from lowsnr_common.core.destination import Destination
+from lowsnr_common.core.measurement import SensorModel
+from lowsnr_common.core.motion import MotionModes
 from lowsnr_detect.detectors.hmm import HMM
-from lowsnr_detect.directed import favoured_cells
-from lowsnr_detect.directed import favoured_moves
-from lowsnr_detect.existence import Existence
-from lowsnr_detect.moves import move_model
-from lowsnr_sensor.destination import Destination
-from lowsnr_sensor.measurement import SensorModel
-from lowsnr_sensor.motion import MotionModes
+from lowsnr_detect.parts.destination_moves import favoured_cells
+from lowsnr_detect.parts.destination_moves import favoured_moves
+from lowsnr_detect.parts.existence import Existence
+from lowsnr_detect.parts.moves import move_model
 import numpy as np
 import pytest
 

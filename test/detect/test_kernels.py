@@ -4,21 +4,21 @@ from dataclasses import replace
 import tracemalloc
 
 from detect import numpy_detectors
+from lowsnr_common.core import compiled
+from lowsnr_common.core.measurement import SensorModel
+from lowsnr_common.core.motion import MotionModes
 from lowsnr_detect.detectors.cusum import CUSUM
 from lowsnr_detect.detectors.hmm import HMM
 from lowsnr_detect.detectors.sdt import SDT
-from lowsnr_detect.gridfilter import move_and_weigh
-from lowsnr_detect.moves import best_vicinity
-from lowsnr_detect.moves import move_model
-from lowsnr_detect.registry import detector_class
-from lowsnr_detect.registry import DETECTORS
-from lowsnr_detect.rehearsal import rehearse
-from lowsnr_detect.sequential import floor32
-from lowsnr_detect.sequential import ratio_terms
-from lowsnr_detect.sequential import wald_bounds
-from lowsnr_sensor import compiled
-from lowsnr_sensor.measurement import SensorModel
-from lowsnr_sensor.motion import MotionModes
+from lowsnr_detect.node.warm_up import rehearse
+from lowsnr_detect.parts.grid_filter import move_and_weigh
+from lowsnr_detect.parts.moves import best_vicinity
+from lowsnr_detect.parts.moves import move_model
+from lowsnr_detect.parts.registry import detector_class
+from lowsnr_detect.parts.registry import DETECTORS
+from lowsnr_detect.parts.wald_bounds import floor32
+from lowsnr_detect.parts.wald_bounds import ratio_terms
+from lowsnr_detect.parts.wald_bounds import wald_bounds
 import numpy as np
 import pytest
 

@@ -1,15 +1,15 @@
 """Moves on the grid follow from the motion modes."""
 
 from detect.numpy_detectors import vicinity_max
-from lowsnr_detect.directed import favoured_cells
-from lowsnr_detect.directed import favoured_moves
-from lowsnr_detect.moves import best_vicinity
-from lowsnr_detect.moves import move_model
-from lowsnr_detect.moves import shifted
-from lowsnr_sensor.destination import Destination
-from lowsnr_sensor.destination import favour_of_states
-from lowsnr_sensor.measurement import SensorModel
-from lowsnr_sensor.motion import MotionModes
+from lowsnr_common.core.destination import Destination
+from lowsnr_common.core.destination import favour_of_states
+from lowsnr_common.core.measurement import SensorModel
+from lowsnr_common.core.motion import MotionModes
+from lowsnr_detect.parts.destination_moves import favoured_cells
+from lowsnr_detect.parts.destination_moves import favoured_moves
+from lowsnr_detect.parts.moves import best_vicinity
+from lowsnr_detect.parts.moves import move_model
+from lowsnr_detect.parts.moves import shifted
 import numpy as np
 import pytest
 

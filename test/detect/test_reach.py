@@ -2,16 +2,16 @@
 
 from dataclasses import replace
 
-from lowsnr_detect.calibration import calibrate
-from lowsnr_detect.clouds import ConstantVelocity
+from lowsnr_common.core.measurement import SensorModel
+from lowsnr_common.core.motion import MotionModes
+from lowsnr_detect.calibration.calibration import calibrate
 from lowsnr_detect.detectors.cdt import CDT
 from lowsnr_detect.detectors.cusum import CUSUM
 from lowsnr_detect.detectors.hmm import HMM
 from lowsnr_detect.detectors.sdt import SDT
 from lowsnr_detect.detectors.tbd2 import MMTBD2
 from lowsnr_detect.detectors.tbd2 import TBD2
-from lowsnr_sensor.measurement import SensorModel
-from lowsnr_sensor.motion import MotionModes
+from lowsnr_detect.parts.births import ConstantVelocity
 from lowsnr_sensor.scenario import Scenario
 from lowsnr_sensor.scenario import ScenarioObject
 from lowsnr_sensor.simulator import simulate_frames

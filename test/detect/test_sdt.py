@@ -5,14 +5,14 @@ import itertools
 import math
 
 from detect.oracles import PathTest
+from lowsnr_common.core.destination import Destination
+from lowsnr_common.core.measurement import SensorModel
 from lowsnr_detect.detectors.cdt import CDT
 from lowsnr_detect.detectors.sdt import SDT
-from lowsnr_detect.directed import favoured_cells
-from lowsnr_detect.directed import favoured_moves
-from lowsnr_detect.moves import move_model
-from lowsnr_detect.sequential import wald_bounds
-from lowsnr_sensor.destination import Destination
-from lowsnr_sensor.measurement import SensorModel
+from lowsnr_detect.parts.destination_moves import favoured_cells
+from lowsnr_detect.parts.destination_moves import favoured_moves
+from lowsnr_detect.parts.moves import move_model
+from lowsnr_detect.parts.wald_bounds import wald_bounds
 import numpy as np
 import pytest
 

@@ -3,18 +3,18 @@
 from dataclasses import replace
 
 from detect import oracles
-from lowsnr_detect.clouds import ConstantVelocity
-from lowsnr_detect.clouds import draw_births
-from lowsnr_detect.clouds import log_birth_proposal
+from lowsnr_common.core.destination import Destination
+from lowsnr_common.core.destination import favour_of_states
+from lowsnr_common.core.measurement import SensorModel
+from lowsnr_common.core.motion import MotionModes
 from lowsnr_detect.detectors.tbd1 import MMTBD1
 from lowsnr_detect.detectors.tbd1 import TBD1
 from lowsnr_detect.detectors.tbd2 import MMTBD2
 from lowsnr_detect.detectors.tbd2 import TBD2
-from lowsnr_detect.existence import Existence
-from lowsnr_sensor.destination import Destination
-from lowsnr_sensor.destination import favour_of_states
-from lowsnr_sensor.measurement import SensorModel
-from lowsnr_sensor.motion import MotionModes
+from lowsnr_detect.parts.births import ConstantVelocity
+from lowsnr_detect.parts.births import draw_births
+from lowsnr_detect.parts.births import log_birth_proposal
+from lowsnr_detect.parts.existence import Existence
 import numpy as np
 import pytest
 

@@ -2,17 +2,17 @@
 
 from dataclasses import replace
 
-from lowsnr_eval.claims import Claim
-from lowsnr_eval.claims import CLAIMS
-from lowsnr_eval.claims_table import claims_html
-from lowsnr_eval.claims_table import claims_markdown
-from lowsnr_eval.examples import EXAMPLES
-from lowsnr_eval.outcome import LEVELS
-from lowsnr_eval.run_scores import RunScores
-from lowsnr_eval.verdicts import compare_sides
-from lowsnr_eval.verdicts import judge
-from lowsnr_eval.verdicts import judge_cost
-from lowsnr_eval.verdicts import turns
+from lowsnr_eval.report.claims_table import claims_html
+from lowsnr_eval.report.claims_table import claims_markdown
+from lowsnr_eval.study.claims import Claim
+from lowsnr_eval.study.claims import CLAIMS
+from lowsnr_eval.study.examples import EXAMPLES
+from lowsnr_eval.study.run_scores import RunScores
+from lowsnr_eval.study.study_results import LEVELS
+from lowsnr_eval.study.verdicts import compare_sides
+from lowsnr_eval.study.verdicts import judge
+from lowsnr_eval.study.verdicts import judge_cost
+from lowsnr_eval.study.verdicts import turns
 import numpy as np
 import pytest
 

@@ -4,7 +4,7 @@ from contextlib import closing
 import shutil
 
 from conftest import fill
-from lowsnr_eval.growing_file import GrowingFile
+from lowsnr_eval.scoring.growing_file import GrowingFile
 import pytest
 
 

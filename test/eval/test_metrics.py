@@ -6,14 +6,14 @@ from hypothesis import given
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from lowsnr_eval.metrics import count_false_alarms
-from lowsnr_eval.metrics import distances
-from lowsnr_eval.metrics import gospa
-from lowsnr_eval.metrics import match_within_gate
-from lowsnr_eval.metrics import ratio
-from lowsnr_eval.metrics import root_mean_square
-from lowsnr_eval.metrics import RootMeanSquare
-from lowsnr_eval.metrics import wilson_interval
+from lowsnr_eval.scoring.metrics import count_false_alarms
+from lowsnr_eval.scoring.metrics import distances
+from lowsnr_eval.scoring.metrics import gospa
+from lowsnr_eval.scoring.metrics import match_within_gate
+from lowsnr_eval.scoring.metrics import ratio
+from lowsnr_eval.scoring.metrics import root_mean_square
+from lowsnr_eval.scoring.metrics import RootMeanSquare
+from lowsnr_eval.scoring.metrics import wilson_interval
 import numpy as np
 import pytest
 from scipy.stats import binomtest

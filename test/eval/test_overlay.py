@@ -1,17 +1,17 @@
 """What viewers show, against pixels and points worked out by hand."""
 
-from lowsnr_eval.look import DETECTION
-from lowsnr_eval.look import rgb
-from lowsnr_eval.look import stretch
-from lowsnr_eval.look import TRACK
-from lowsnr_eval.look import TRUTH
-from lowsnr_eval.look import ViewSettings
-from lowsnr_eval.overlay import draw
-from lowsnr_eval.overlay import ellipse
-from lowsnr_eval.overlay import Scene
-from lowsnr_eval.overlay import Trails
-from lowsnr_sensor.measurement import SensorModel
-from lowsnr_sensor.records import Estimate
+from lowsnr_common.core.measurement import SensorModel
+from lowsnr_common.core.records import Estimate
+from lowsnr_common.settings.node_settings import ViewSettings
+from lowsnr_eval.report.overlay import draw
+from lowsnr_eval.report.overlay import ellipse
+from lowsnr_eval.report.overlay import Scene
+from lowsnr_eval.report.overlay import Trails
+from lowsnr_eval.report.palette import DETECTION
+from lowsnr_eval.report.palette import rgb
+from lowsnr_eval.report.palette import stretch
+from lowsnr_eval.report.palette import TRACK
+from lowsnr_eval.report.palette import TRUTH
 import numpy as np
 import pytest
 

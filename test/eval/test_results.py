@@ -2,15 +2,15 @@
 
 import json
 
-from lowsnr_eval.results import fresh_folder
-from lowsnr_eval.results import ResultsWriter
-from lowsnr_eval.results import summarize
-from lowsnr_eval.scoreboard import Scoreboard
-from lowsnr_eval.scoring import Answer
-from lowsnr_eval.scoring import Evaluation
-from lowsnr_eval.table import format_table
-from lowsnr_sensor.records import Estimate
-from lowsnr_sensor.records import Truth
+from lowsnr_bringup.run.results_folder import fresh_folder
+from lowsnr_common.core.records import Estimate
+from lowsnr_common.core.records import Truth
+from lowsnr_common.settings.node_settings import Evaluation
+from lowsnr_eval.report.table import format_table
+from lowsnr_eval.scoring.frame_scoring import Answer
+from lowsnr_eval.scoring.results import ResultsWriter
+from lowsnr_eval.scoring.results import summarize
+from lowsnr_eval.scoring.tallies import Scoreboard
 import numpy as np
 import pytest
 

@@ -4,19 +4,19 @@ import json
 import re
 
 from browser import browser
-from lowsnr_eval import scene as scene_module
-from lowsnr_eval.results import ResultsWriter
-from lowsnr_eval.results import summarize
-from lowsnr_eval.run_report import write_run_report
-from lowsnr_eval.scene import read_scene
-from lowsnr_eval.scene import reduced
-from lowsnr_eval.scene import reduction
-from lowsnr_eval.scene import SceneWriter
-from lowsnr_eval.scoreboard import Scoreboard
-from lowsnr_eval.scoring import Answer
-from lowsnr_eval.scoring import Evaluation
-from lowsnr_sensor.records import Estimate
-from lowsnr_sensor.records import Truth
+from lowsnr_common.core.records import Estimate
+from lowsnr_common.core.records import Truth
+from lowsnr_common.settings.node_settings import Evaluation
+from lowsnr_eval.report.run_report import write_run_report
+from lowsnr_eval.scoring import scene as scene_module
+from lowsnr_eval.scoring.frame_scoring import Answer
+from lowsnr_eval.scoring.results import ResultsWriter
+from lowsnr_eval.scoring.results import summarize
+from lowsnr_eval.scoring.scene import read_scene
+from lowsnr_eval.scoring.scene import reduced
+from lowsnr_eval.scoring.scene import reduction
+from lowsnr_eval.scoring.scene import SceneWriter
+from lowsnr_eval.scoring.tallies import Scoreboard
 import numpy as np
 import pytest
 

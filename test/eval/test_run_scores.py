@@ -1,12 +1,12 @@
 """Scores of many runs at once, against those of one frame after the other."""
 
-from lowsnr_eval.run_scores import RunScores
-from lowsnr_eval.run_scores import score_runs
-from lowsnr_eval.scoring import compare
-from lowsnr_eval.scoring import Evaluation
-from lowsnr_sensor.measurement import SensorModel
-from lowsnr_sensor.records import Estimate
-from lowsnr_sensor.records import Truth
+from lowsnr_common.core.measurement import SensorModel
+from lowsnr_common.core.records import Estimate
+from lowsnr_common.core.records import Truth
+from lowsnr_common.settings.node_settings import Evaluation
+from lowsnr_eval.scoring.frame_scoring import compare
+from lowsnr_eval.study.run_scores import RunScores
+from lowsnr_eval.study.run_scores import score_runs
 import numpy as np
 import pytest
 

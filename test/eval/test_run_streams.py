@@ -1,7 +1,7 @@
 """A batch of runs draws what each run draws alone."""
 
-from lowsnr_eval.run_streams import RunStreams
-from lowsnr_sensor.streams import stream
+from lowsnr_common.core.streams import stream
+from lowsnr_eval.study.run_streams import RunStreams
 import numpy as np
 import pytest
 

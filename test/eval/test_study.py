@@ -5,14 +5,14 @@ import functools
 import json
 from pathlib import Path
 
-from lowsnr_detect.registry import DETECTORS
-from lowsnr_eval.experiment import run_block
-from lowsnr_eval.outcome import gather
-from lowsnr_eval.outcome import points
-from lowsnr_eval.outcome import summary
-from lowsnr_eval.study import plan_study
-from lowsnr_eval.study_folder import open_folder
-from lowsnr_eval.study_options import StudyOptions
+from lowsnr_detect.parts.registry import DETECTORS
+from lowsnr_eval.study.experiment import run_block
+from lowsnr_eval.study.study import plan_study
+from lowsnr_eval.study.study_folder import open_folder
+from lowsnr_eval.study.study_options import StudyOptions
+from lowsnr_eval.study.study_results import gather
+from lowsnr_eval.study.study_results import points
+from lowsnr_eval.study.study_results import summary
 import pytest
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'

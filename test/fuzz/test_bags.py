@@ -22,19 +22,19 @@ from fuzz.test_yaml_files import nasty
 from fuzz.test_yaml_files import replace_somewhere
 from fuzz.test_yaml_files import trees
 from hypothesis import strategies as st
-from lowsnr_eval import config_files
-from lowsnr_eval import figures
-from lowsnr_eval import pages
-from lowsnr_eval.bags.reader import Bag
-from lowsnr_eval.bags.recorded_run import inspect_bag
-from lowsnr_eval.bags.recording import CUSTOM_PARAMETERS
-from lowsnr_eval.bags.replaying import played_frames
-from lowsnr_eval.bags.writer import BagWriter
-from lowsnr_eval.results import FRAME_COLUMNS
-from lowsnr_eval.run_report import write_run_report
-from lowsnr_eval.table import format_table
-from lowsnr_sensor.records import Estimate
-from lowsnr_sensor.ros import messages
+from lowsnr_bringup.bags.reader import Bag
+from lowsnr_bringup.bags.recorded_run import inspect_bag
+from lowsnr_bringup.bags.recording import CUSTOM_PARAMETERS
+from lowsnr_bringup.bags.replaying import played_frames
+from lowsnr_bringup.bags.writer import BagWriter
+from lowsnr_bringup.plan import config_files
+from lowsnr_common.core.records import Estimate
+from lowsnr_common.ros import messages
+from lowsnr_eval.report import figures
+from lowsnr_eval.report import html_page as pages
+from lowsnr_eval.report.run_report import write_run_report
+from lowsnr_eval.report.table import format_table
+from lowsnr_eval.scoring.results import FRAME_COLUMNS
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message

@@ -14,9 +14,9 @@ from fuzz.strategies import numbers
 from fuzz.strategies import whole
 from fuzz.strategies import wild_names
 from hypothesis import strategies as st
-from lowsnr_eval import config_files
-from lowsnr_eval import run_plan
-from lowsnr_eval.domain import claim_domain
+from lowsnr_bringup.plan import config_files
+from lowsnr_bringup.plan import run_plan
+from lowsnr_bringup.run.domain import claim_domain
 import pytest
 import reproduce
 

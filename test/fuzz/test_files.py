@@ -16,19 +16,19 @@ from fuzz.strategies import names
 from fuzz.strategies import numbers
 from fuzz.strategies import whole
 from hypothesis import strategies as st
-from lowsnr_eval import figures
-from lowsnr_eval import pages
-from lowsnr_eval.bags.image_files import open_recording
-from lowsnr_eval.bags.truth_table import read_truth
-from lowsnr_eval.results import ResultsWriter
-from lowsnr_eval.results import summarize
-from lowsnr_eval.run_report import write_run_report
-from lowsnr_eval.scene import SceneWriter
-from lowsnr_eval.scoreboard import Scoreboard
-from lowsnr_eval.scoring import Answer
-from lowsnr_eval.scoring import Evaluation
-from lowsnr_sensor.records import Estimate
-from lowsnr_sensor.records import Truth
+from lowsnr_bringup.bags.image_files import open_recording
+from lowsnr_bringup.bags.truth_table import read_truth
+from lowsnr_common.core.records import Estimate
+from lowsnr_common.core.records import Truth
+from lowsnr_common.settings.node_settings import Evaluation
+from lowsnr_eval.report import figures
+from lowsnr_eval.report import html_page as pages
+from lowsnr_eval.report.run_report import write_run_report
+from lowsnr_eval.scoring.frame_scoring import Answer
+from lowsnr_eval.scoring.results import ResultsWriter
+from lowsnr_eval.scoring.results import summarize
+from lowsnr_eval.scoring.scene import SceneWriter
+from lowsnr_eval.scoring.tallies import Scoreboard
 import numpy as np
 import pytest
 

@@ -3,9 +3,9 @@
 from fuzz.counting import fuzz
 from fuzz.counting import tried
 from fuzz.messages import images
-from lowsnr_eval.look import stretch
-from lowsnr_sensor.ros.images import image_to_array
-from lowsnr_sensor.ros.messages import image_to_frame
+from lowsnr_common.ros.images import image_to_array
+from lowsnr_common.ros.messages import image_to_frame
+from lowsnr_eval.report.palette import stretch
 import numpy as np
 
 

@@ -15,11 +15,11 @@ from fuzz.messages import steps_ns
 from hypothesis import given
 from hypothesis import settings
 from hypothesis import strategies as st
-from lowsnr_detect.detector_node import DetectorNode
+from lowsnr_common.ros.messages import frame_to_image
+from lowsnr_detect.node.detector_node import DetectorNode
 from lowsnr_eval.evaluator_node import EvaluatorNode
 from lowsnr_eval.viewer_node import ViewerNode
 from lowsnr_sensor.conditioner_node import ConditionerNode
-from lowsnr_sensor.ros.messages import frame_to_image
 from lowsnr_track.tracker_node import TrackerNode
 import numpy as np
 from onlooker import ros_context

@@ -12,12 +12,12 @@ from fuzz.strategies import numbers
 from fuzz.strategies import whole
 from fuzz.strategies import wild_names
 from hypothesis import strategies as st
-from lowsnr_eval.config_files import CONFIG_FILES
-from lowsnr_eval.config_files import load_config
-from lowsnr_eval.config_files import parse_override
-from lowsnr_eval.graph import known_nodes
-from lowsnr_eval.graph import settings_classes
-from lowsnr_sensor.config import declared_settings
+from lowsnr_bringup.plan.config_files import CONFIG_FILES
+from lowsnr_bringup.plan.config_files import load_config
+from lowsnr_bringup.plan.config_files import parse_override
+from lowsnr_bringup.plan.graph import known_nodes
+from lowsnr_bringup.plan.graph import settings_classes
+from lowsnr_common.settings.config import declared_settings
 from lowsnr_sensor.scenario import load_scenario
 import pytest
 import yaml

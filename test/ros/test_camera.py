@@ -4,9 +4,9 @@ import threading
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from graph_runs import own_domain
-from lowsnr_eval.ros.camera import look_at_camera
-from lowsnr_eval.ros.camera_watch import CameraWatch
-from lowsnr_sensor.ros.messages import stamp_from_seconds
+from lowsnr_bringup.ros.camera import look_at_camera
+from lowsnr_bringup.ros.camera_watch import CameraWatch
+from lowsnr_common.ros.messages import stamp_from_seconds
 import pytest
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data

@@ -3,10 +3,10 @@
 import array
 
 from diagnostic_msgs.msg import DiagnosticArray
+from lowsnr_common.core.records import Estimate
+from lowsnr_common.ros import messages
 from lowsnr_sensor.conditioner_node import ConditionerNode
-from lowsnr_sensor.conditioning import ConditioningSettings
-from lowsnr_sensor.records import Estimate
-from lowsnr_sensor.ros import messages
+from lowsnr_sensor.conditioning.conditioner import ConditioningSettings
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest

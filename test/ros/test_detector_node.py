@@ -1,8 +1,8 @@
 """The detector node answers every frame once, and malformed ones empty."""
 
 from diagnostic_msgs.msg import DiagnosticArray
-from lowsnr_detect.detector_node import DetectorNode
-from lowsnr_sensor.ros import messages
+from lowsnr_common.ros import messages
+from lowsnr_detect.node.detector_node import DetectorNode
 import numpy as np
 import pytest
 from rclpy.node import Node

@@ -3,9 +3,9 @@
 from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.msg import KeyValue
+from lowsnr_common.ros.messages import stamp_from_seconds
+from lowsnr_common.ros.qos import reliable
 from lowsnr_eval import evaluator_node
-from lowsnr_sensor.ros.messages import stamp_from_seconds
-from lowsnr_sensor.ros.qos import reliable
 import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter

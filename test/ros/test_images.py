@@ -2,8 +2,8 @@
 
 import array
 
-from lowsnr_sensor.malformed import Malformed
-from lowsnr_sensor.ros.images import image_to_array
+from lowsnr_common.core.malformed import Malformed
+from lowsnr_common.ros.images import image_to_array
 import numpy as np
 import pytest
 from sensor_msgs.msg import Image

@@ -5,10 +5,10 @@ from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.msg import KeyValue
 from graph_runs import ROOT
+from lowsnr_common.core.timeline import SET_BACK_AFTER
+from lowsnr_common.ros import messages
 from lowsnr_sensor.conditioner_node import ConditionerNode
-from lowsnr_sensor.ros import messages
 from lowsnr_sensor.sensor_node import SensorNode
-from lowsnr_sensor.timeline import SET_BACK_AFTER
 from lowsnr_track.tracker_node import TrackerNode
 from nav_msgs.msg import Odometry
 import numpy as np

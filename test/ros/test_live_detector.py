@@ -2,13 +2,13 @@
 
 import threading
 
-from lowsnr_detect import live as live_module
-from lowsnr_detect.calibration import at_operating_point
-from lowsnr_detect.detector_node import DetectorNode
+from lowsnr_common.settings.node_settings import DetectionSettings
+from lowsnr_detect.calibration.calibration import at_operating_point
 import lowsnr_detect.detectors  # noqa: F401  (has every detector register itself)
-from lowsnr_detect.registry import detector_class
-from lowsnr_detect.registry import DETECTORS
-from lowsnr_sensor.node_settings import DetectionSettings
+from lowsnr_detect.node import live_detector as live_module
+from lowsnr_detect.node.detector_node import DetectorNode
+from lowsnr_detect.parts.registry import detector_class
+from lowsnr_detect.parts.registry import DETECTORS
 from node_client import live_names
 from node_client import SHAPE
 import numpy as np

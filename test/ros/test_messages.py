@@ -3,9 +3,9 @@
 import array
 
 from builtin_interfaces.msg import Time
-from lowsnr_sensor.malformed import Malformed
-from lowsnr_sensor.records import Estimate
-from lowsnr_sensor.ros import messages
+from lowsnr_common.core.malformed import Malformed
+from lowsnr_common.core.records import Estimate
+from lowsnr_common.ros import messages
 import numpy as np
 import pytest
 from std_msgs.msg import Header

@@ -5,7 +5,7 @@ import sys
 
 from graph_runs import graph_environment
 from graph_runs import own_domain
-from lowsnr_eval.middleware import middleware_environment
+from lowsnr_bringup.run.middleware import middleware_environment
 
 MESSAGES, MIB = 40, 4
 # Two nodes of one process would share the room.

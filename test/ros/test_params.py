@@ -1,9 +1,9 @@
 """ROS parameters are what the settings class declares."""
 
+from lowsnr_common.ros.parameters import declare
+from lowsnr_common.settings.config import declared_settings
+from lowsnr_common.settings.config import flat_values
 from lowsnr_detect.detectors.sdt import SDT
-from lowsnr_sensor.config import declared_settings
-from lowsnr_sensor.config import flat_values
-from lowsnr_sensor.ros.params import declare
 from lowsnr_track.pda_mmpf import PdaMmpf
 import pytest
 from rclpy.node import Node

@@ -3,9 +3,9 @@
 from pathlib import Path
 from threading import Thread
 
-from lowsnr_eval import recorder_node
-from lowsnr_eval.bags.reader import Bag
-from lowsnr_sensor.ros.qos import reliable
+from lowsnr_bringup import recorder_node
+from lowsnr_bringup.bags.reader import Bag
+from lowsnr_common.ros.qos import reliable
 import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter

@@ -11,10 +11,10 @@ from dying_sender import port_of
 from dying_sender import sending_to
 from graph_runs import graph_environment
 from graph_runs import own_domain
-from lowsnr_eval.shared_memory import clear_leftovers
-from lowsnr_eval.shared_memory import close_ports
-from lowsnr_eval.shared_memory import free_ports
-from lowsnr_eval.shared_memory import MUTEXES_AT
+from lowsnr_bringup.run.shared_memory import clear_leftovers
+from lowsnr_bringup.run.shared_memory import close_ports
+from lowsnr_bringup.run.shared_memory import free_ports
+from lowsnr_bringup.run.shared_memory import MUTEXES_AT
 import pytest
 
 NODE = """

@@ -1,8 +1,8 @@
 """The tracker node answers every array once, counts what it cannot use, and goes on."""
 
 from diagnostic_msgs.msg import DiagnosticArray
-from lowsnr_sensor.records import Estimate
-from lowsnr_sensor.ros import messages
+from lowsnr_common.core.records import Estimate
+from lowsnr_common.ros import messages
 from lowsnr_track.tracker_node import TrackerNode
 from nav_msgs.msg import Odometry
 import numpy as np

@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 from lifecycle_msgs.msg import State
 from lifecycle_msgs.msg import Transition
-from lowsnr_eval.ros import transition
-from lowsnr_eval.ros.transition import PendingTransition
+from lowsnr_bringup.ros import transition
+from lowsnr_bringup.ros.transition import PendingTransition
 import pytest
 
 

@@ -8,11 +8,11 @@ import sys
 
 from graph_runs import own_domain
 from graph_runs import start_bringup
-from lowsnr_eval.bags.definitions import type_definition
-from lowsnr_eval.bags.reader import Bag
-from lowsnr_eval.bags.writer import BagWriter
-from lowsnr_sensor.records import Estimate
-from lowsnr_sensor.ros import messages
+from lowsnr_bringup.bags.definitions import type_definition
+from lowsnr_bringup.bags.reader import Bag
+from lowsnr_bringup.bags.writer import BagWriter
+from lowsnr_common.core.records import Estimate
+from lowsnr_common.ros import messages
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message

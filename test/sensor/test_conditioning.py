@@ -3,14 +3,14 @@
 from dataclasses import replace
 from pathlib import Path
 
-from lowsnr_detect.calibration import calibrated
-from lowsnr_detect.registry import detector_class
-from lowsnr_sensor import background
-from lowsnr_sensor.conditioning import ConditioningSettings
-from lowsnr_sensor.config import flat_values
-from lowsnr_sensor.config import flatten
-from lowsnr_sensor.measurement import SensorModel
-from lowsnr_sensor.node_settings import TruthSettings
+from lowsnr_common.core.measurement import SensorModel
+from lowsnr_common.settings.config import flat_values
+from lowsnr_common.settings.config import flatten
+from lowsnr_common.settings.node_settings import TruthSettings
+from lowsnr_detect.calibration.calibration import calibrated
+from lowsnr_detect.parts.registry import detector_class
+from lowsnr_sensor.conditioning import background
+from lowsnr_sensor.conditioning.conditioner import ConditioningSettings
 import numpy as np
 import pytest
 from scipy import stats

@@ -1,10 +1,10 @@
 """Paths: legs and splines against closed forms, random ones against their limits."""
 
-from lowsnr_sensor.motion import MotionModes
-from lowsnr_sensor.motion import POS
-from lowsnr_sensor.motion import process_noise_cov
-from lowsnr_sensor.motion import transition_matrix
-from lowsnr_sensor.motion import VEL
+from lowsnr_common.core.motion import MotionModes
+from lowsnr_common.core.motion import POS
+from lowsnr_common.core.motion import process_noise_cov
+from lowsnr_common.core.motion import transition_matrix
+from lowsnr_common.core.motion import VEL
 from lowsnr_sensor.paths import Leg
 from lowsnr_sensor.paths import path_along_legs
 from lowsnr_sensor.paths import path_at_random

@@ -1,6 +1,6 @@
 """Scenario files: what they mean, and one line for everything that can be wrong in them."""
 
-from lowsnr_sensor.motion import POS
+from lowsnr_common.core.motion import POS
 from lowsnr_sensor.scenario import load_scenario
 import numpy as np
 import pytest

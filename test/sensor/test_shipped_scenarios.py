@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from lowsnr_sensor.motion import POS
-from lowsnr_sensor.motion import VEL
+from lowsnr_common.core.motion import POS
+from lowsnr_common.core.motion import VEL
 from lowsnr_sensor.scenario import load_scenario
 import numpy as np
 import pytest

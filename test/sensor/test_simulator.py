@@ -1,7 +1,7 @@
 """Simulated frames: moments of the noise, SNR of the objects, same seed same bytes."""
 
-from lowsnr_sensor.measurement import SensorModel
-from lowsnr_sensor.records import Truth
+from lowsnr_common.core.measurement import SensorModel
+from lowsnr_common.core.records import Truth
 from lowsnr_sensor.simulator import simulate_frame
 from lowsnr_sensor.simulator import simulate_frames
 import numpy as np

@@ -6,8 +6,8 @@ from graph_runs import own_domain
 from graph_runs import start_bringup
 from intruder import INJECTED
 from intruder import Intruder
-from lowsnr_sensor.ros.inputs import drain
-from lowsnr_sensor.ros.qos import reliable
+from lowsnr_common.ros.inputs import drain
+from lowsnr_common.ros.qos import reliable
 from machine import Machine
 from nav_msgs.msg import Odometry
 from onlooker import onlooker

@@ -9,8 +9,8 @@ from graph_runs import graph_environment
 from graph_runs import own_domain
 from graph_runs import ROOT
 from graph_runs import run_bringup
-from lowsnr_eval.bags.reader import Bag
-from lowsnr_sensor.ros.messages import stamp_key
+from lowsnr_bringup.bags.reader import Bag
+from lowsnr_common.ros.messages import stamp_key
 import psutil
 import pytest
 
@@ -23,9 +23,9 @@ RUN = ('--camera', TOPIC, '--detector', 'cdt', '--set', 'cdt.operating_point=man
 def camera():
     """Return a function that starts a camera; those that still run end with the test."""
     started = []
-    source = str(ROOT / 'src' / 'lowsnr_sensor')
+    sources = [str(ROOT / 'src' / name) for name in ('lowsnr_common', 'lowsnr_sensor')]
     environment = graph_environment(own_domain()) | {
-        'PYTHONPATH': os.pathsep.join([source, os.environ.get('PYTHONPATH', '')])}
+        'PYTHONPATH': os.pathsep.join([*sources, os.environ.get('PYTHONPATH', '')])}
 
     def start():
         parameters = {

@@ -9,8 +9,8 @@ import time
 
 from conftest import fill
 from diagnostic_msgs.msg import DiagnosticStatus
-from lowsnr_eval.bags.reader import Bag
-from lowsnr_eval.bags.writer import METADATA_FILE
+from lowsnr_bringup.bags.reader import Bag
+from lowsnr_bringup.bags.writer import METADATA_FILE
 import pytest
 
 RUN = ('--detector', 'cdt', '--loop', '--lockstep')

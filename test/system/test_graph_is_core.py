@@ -2,14 +2,14 @@
 
 from pathlib import Path
 
-from lowsnr_eval import graph
-from lowsnr_eval.chain import Chain
-from lowsnr_eval.experiment import Block
-from lowsnr_eval.experiment import run_block
-from lowsnr_eval.run_options import RunOptions
-from lowsnr_eval.run_plan import plan_run
-from lowsnr_eval.scoring import Evaluation
-from lowsnr_sensor.measurement import SensorModel
+from lowsnr_bringup.plan import graph
+from lowsnr_bringup.plan.run_options import RunOptions
+from lowsnr_bringup.plan.run_plan import plan_run
+from lowsnr_common.core.measurement import SensorModel
+from lowsnr_common.settings.node_settings import Evaluation
+from lowsnr_eval.study.experiment import Block
+from lowsnr_eval.study.experiment import run_block
+from lowsnr_eval.study.offline_chain import Chain
 from lowsnr_sensor.scenario import load_scenario
 from lowsnr_track.pda_mmpf import PdaMmpf
 import pytest

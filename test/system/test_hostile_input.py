@@ -9,7 +9,7 @@ from garbage import stamps
 from graph_runs import own_domain
 from intruder import INJECTED
 from intruder import Intruder
-from lowsnr_sensor.ros.qos import reliable
+from lowsnr_common.ros.qos import reliable
 from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.qos import DurabilityPolicy

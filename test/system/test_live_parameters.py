@@ -6,8 +6,8 @@ import signal
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
-from lowsnr_sensor.ros.messages import stamp_key
-from lowsnr_sensor.ros.qos import reliable
+from lowsnr_common.ros.messages import stamp_key
+from lowsnr_common.ros.qos import reliable
 from onlooker import onlooker
 import pytest
 from rcl_interfaces.srv import GetParameters

@@ -3,7 +3,7 @@
 from graph_runs import own_domain
 from graph_runs import start_bringup
 import lowsnr_detect.detectors  # noqa: F401  (its files register themselves)
-from lowsnr_detect.registry import DETECTORS
+from lowsnr_detect.parts.registry import DETECTORS
 import pytest
 
 FRAMES = 40

@@ -56,4 +56,4 @@ setuptools.setup = lambda **given: print(given['entry_points']['console_scripts'
 import runpy
 runpy.run_path('src/lowsnr_detect/setup.py')
 """)
-    assert "'memory_node = lowsnr_detect.detector_node:memory'" in asked.stdout, asked.stderr
+    assert "'memory_node = lowsnr_detect.node.detector_node:memory'" in asked.stdout, asked.stderr

@@ -13,9 +13,9 @@ import sys
 
 from graph_runs import own_domain
 from graph_runs import start_bringup
-from lowsnr_eval.bags.reader import Bag
-from lowsnr_sensor.conditioning import ConditioningSettings
-from lowsnr_sensor.ros import messages
+from lowsnr_bringup.bags.reader import Bag
+from lowsnr_common.ros import messages
+from lowsnr_sensor.conditioning.conditioner import ConditioningSettings
 import numpy as np
 import pytest
 

@@ -11,10 +11,10 @@ import time
 
 from graph_runs import own_domain
 from graph_runs import start_bringup
-from lowsnr_eval.bags.reader import Bag
-from lowsnr_eval.bags.recorded_run import inspect_bag
-from lowsnr_eval.ros.frame_bag import FrameBag
-from lowsnr_sensor.ros.messages import stamp_key
+from lowsnr_bringup.bags.reader import Bag
+from lowsnr_bringup.bags.recorded_run import inspect_bag
+from lowsnr_bringup.ros.frame_bag import FrameBag
+from lowsnr_common.ros.messages import stamp_key
 from mcap_ros2.reader import read_ros2_messages
 import numpy as np
 import pytest

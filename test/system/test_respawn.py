@@ -13,7 +13,7 @@ from dying_sender import port_of
 from graph_runs import own_domain
 from graph_runs import start_bringup
 from intruder import INJECTED
-from lowsnr_eval.shared_memory import MUTEXES_AT
+from lowsnr_bringup.run.shared_memory import MUTEXES_AT
 import numpy as np
 import pytest
 from run_checks import check_end

@@ -5,8 +5,8 @@ import signal
 
 from builtin_interfaces.msg import Time
 from intruder import FUTURE_S
-from lowsnr_sensor.ros import messages
-from lowsnr_sensor.timeline import SET_BACK_AFTER
+from lowsnr_common.core.timeline import SET_BACK_AFTER
+from lowsnr_common.ros import messages
 import numpy as np
 from run_checks import check_end
 from run_checks import check_frames

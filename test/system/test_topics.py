@@ -1,6 +1,6 @@
 """What another program on the same host sees of a run."""
 
-from lowsnr_sensor.ros.messages import stamp_key
+from lowsnr_common.ros.messages import stamp_key
 
 FRAMES = 40
 SECOND = 1_000_000_000

@@ -5,13 +5,13 @@ from pathlib import Path
 
 from graph_runs import own_domain
 from graph_runs import start_bringup
-from lowsnr_eval.look import rgb
-from lowsnr_eval.look import TRACK
-from lowsnr_eval.look import TRUTH
-from lowsnr_sensor.ros.inputs import drain
-from lowsnr_sensor.ros.messages import array_to_estimates
-from lowsnr_sensor.ros.messages import stamp_key
-from lowsnr_sensor.ros.qos import reliable
+from lowsnr_common.ros.inputs import drain
+from lowsnr_common.ros.messages import array_to_estimates
+from lowsnr_common.ros.messages import stamp_key
+from lowsnr_common.ros.qos import reliable
+from lowsnr_eval.report.palette import rgb
+from lowsnr_eval.report.palette import TRACK
+from lowsnr_eval.report.palette import TRUTH
 from nav_msgs.msg import Odometry
 import numpy as np
 from onlooker import onlooker

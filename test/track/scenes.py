@@ -1,6 +1,6 @@
 """Small scenes of detections for the tracker."""
 
-from lowsnr_sensor.records import Estimate
+from lowsnr_common.core.records import Estimate
 import numpy as np
 
 VARIANCE = 0.5

@@ -4,7 +4,7 @@ from lowsnr_track.association import association_probabilities
 from lowsnr_track.association import gate
 from lowsnr_track.association import log_densities
 from lowsnr_track.association import log_shares
-from lowsnr_track.joint import clusters
+from lowsnr_track.joint_association import clusters
 from lowsnr_track.measurements import Measurements
 from lowsnr_track.mmpf import uniform_cloud
 import numpy as np

@@ -1,8 +1,8 @@
 """The multiple-model particle filter against Kalman filters and the Markov chain itself."""
 
-from lowsnr_sensor.motion import MotionModes
-from lowsnr_sensor.motion import POS
-from lowsnr_sensor.motion import process_noise_cov
+from lowsnr_common.core.motion import MotionModes
+from lowsnr_common.core.motion import POS
+from lowsnr_common.core.motion import process_noise_cov
 from lowsnr_track.mmpf import Cloud
 from lowsnr_track.mmpf import concatenate
 from lowsnr_track.mmpf import predict

@@ -2,13 +2,13 @@
 
 from dataclasses import replace
 
-from lowsnr_sensor import compiled
-from lowsnr_sensor.measurement import SensorModel
-from lowsnr_sensor.motion import MotionModes
+from lowsnr_common.core import compiled
+from lowsnr_common.core.measurement import SensorModel
+from lowsnr_common.core.motion import MotionModes
 from lowsnr_track import measurements
 from lowsnr_track.detection_model import DetectionModel
-from lowsnr_track.management import TrackLife
 from lowsnr_track.pda_mmpf import PdaMmpf
+from lowsnr_track.track_management import TrackLife
 from lowsnr_track.warm_up import warm_up
 import numpy as np
 import pytest

@@ -1,1 +1,1 @@
-"""Detectors of weak objects, their registry and their calibration."""
+"""Sections III, IV-A and V: detectors, calibration, detector node."""

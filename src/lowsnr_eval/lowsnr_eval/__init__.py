@@ -1,1 +1,1 @@
-"""Scoring, experiments, reports and the evaluator."""
+"""Section VI: scoring, Monte Carlo studies and reports."""

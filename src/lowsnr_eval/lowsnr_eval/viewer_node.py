@@ -6,21 +6,21 @@ from functools import partial
 import time
 from typing import Any
 
-from lowsnr_eval.assembly import Assembly
-from lowsnr_eval.look import stretch
-from lowsnr_eval.look import ViewSettings
-from lowsnr_eval.overlay import draw
-from lowsnr_eval.overlay import Scene
-from lowsnr_eval.overlay import Trails
-from lowsnr_eval.ros.view import picture_to_image
-from lowsnr_eval.ros.view import scene_to_markers
-from lowsnr_sensor.records import Estimate
-from lowsnr_sensor.ros import messages
-from lowsnr_sensor.ros.params import declare
-from lowsnr_sensor.ros.qos import any_reliability
-from lowsnr_sensor.ros.qos import reliable
-from lowsnr_sensor.ros.runtime import ManagedNode
-from lowsnr_sensor.ros.runtime import run
+from lowsnr_common.core.records import Estimate
+from lowsnr_common.ros import messages
+from lowsnr_common.ros.managed_node import ManagedNode
+from lowsnr_common.ros.managed_node import run
+from lowsnr_common.ros.parameters import declare
+from lowsnr_common.ros.qos import any_reliability
+from lowsnr_common.ros.qos import reliable
+from lowsnr_common.settings.node_settings import ViewSettings
+from lowsnr_eval.report.overlay import draw
+from lowsnr_eval.report.overlay import Scene
+from lowsnr_eval.report.overlay import Trails
+from lowsnr_eval.report.palette import stretch
+from lowsnr_eval.ros.view_messages import picture_to_image
+from lowsnr_eval.ros.view_messages import scene_to_markers
+from lowsnr_eval.scoring.frame_join import Assembly
 from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.lifecycle import LifecycleState

@@ -1,1 +1,1 @@
-"""Motion and sensor models, scenarios, the simulator and the shared kernel."""
+"""Section II: scenarios, simulated sensor, conditioning of real frames."""

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from typing import Any
 
-from lowsnr_sensor.conditioning import ConditionerState
-from lowsnr_sensor.conditioning import ConditioningSettings
-from lowsnr_sensor.malformed import Malformed
-from lowsnr_sensor.motion import POS
-from lowsnr_sensor.motion import VEL
-from lowsnr_sensor.node_settings import TruthSettings
-from lowsnr_sensor.records import Estimate
-from lowsnr_sensor.ros import messages
-from lowsnr_sensor.ros.images import image_to_array
-from lowsnr_sensor.ros.params import declare
-from lowsnr_sensor.ros.qos import any_reliability
-from lowsnr_sensor.ros.qos import frame_depth
-from lowsnr_sensor.ros.qos import reliable
-from lowsnr_sensor.ros.runtime import ManagedNode
-from lowsnr_sensor.ros.runtime import run
+from lowsnr_common.core.malformed import Malformed
+from lowsnr_common.core.motion import POS
+from lowsnr_common.core.motion import VEL
+from lowsnr_common.core.records import Estimate
+from lowsnr_common.ros import messages
+from lowsnr_common.ros.images import image_to_array
+from lowsnr_common.ros.managed_node import ManagedNode
+from lowsnr_common.ros.managed_node import run
+from lowsnr_common.ros.parameters import declare
+from lowsnr_common.ros.qos import any_reliability
+from lowsnr_common.ros.qos import frame_depth
+from lowsnr_common.ros.qos import reliable
+from lowsnr_common.settings.node_settings import TruthSettings
+from lowsnr_sensor.conditioning.conditioner import ConditionerState
+from lowsnr_sensor.conditioning.conditioner import ConditioningSettings
 from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.lifecycle import LifecycleState

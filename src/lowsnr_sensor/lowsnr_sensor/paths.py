@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from lowsnr_sensor.config import check_settings
-from lowsnr_sensor.config import setting
-from lowsnr_sensor.motion import MotionModes
-from lowsnr_sensor.motion import POS
-from lowsnr_sensor.motion import process_noise_sqrt
-from lowsnr_sensor.motion import transition_matrix
-from lowsnr_sensor.motion import VEL
+from lowsnr_common.core.motion import MotionModes
+from lowsnr_common.core.motion import POS
+from lowsnr_common.core.motion import process_noise_sqrt
+from lowsnr_common.core.motion import transition_matrix
+from lowsnr_common.core.motion import VEL
+from lowsnr_common.settings.config import check_settings
+from lowsnr_common.settings.config import setting
 import numpy as np
 import scipy
 

@@ -15,10 +15,13 @@ from pathlib import Path
 from typing import Any
 from typing import TypeVar
 
-from lowsnr_sensor.config import check_settings
-from lowsnr_sensor.config import check_values
-from lowsnr_sensor.config import setting
-from lowsnr_sensor.motion import MotionModes
+from lowsnr_common.core.motion import MotionModes
+from lowsnr_common.core.records import Truth
+from lowsnr_common.settings.config import check_settings
+from lowsnr_common.settings.config import check_values
+from lowsnr_common.settings.config import setting
+from lowsnr_common.settings.text import one_line
+from lowsnr_common.settings.text import read_yaml
 from lowsnr_sensor.paths import Leg
 from lowsnr_sensor.paths import MOST_FRAMES
 from lowsnr_sensor.paths import path_along_legs
@@ -26,9 +29,6 @@ from lowsnr_sensor.paths import path_at_random
 from lowsnr_sensor.paths import path_through_waypoints
 from lowsnr_sensor.paths import Start
 from lowsnr_sensor.paths import Waypoint
-from lowsnr_sensor.records import Truth
-from lowsnr_sensor.text import one_line
-from lowsnr_sensor.text import read_yaml
 import numpy as np
 
 T = TypeVar('T')

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from lowsnr_sensor.measurement import SensorModel
-from lowsnr_sensor.records import Truth
+from lowsnr_common.core.measurement import SensorModel
+from lowsnr_common.core.records import Truth
 import numpy as np
 
 

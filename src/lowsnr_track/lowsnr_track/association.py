@@ -11,11 +11,11 @@ integrated PDA (Musicki and Evans 2004).
 
 from __future__ import annotations
 
-from lowsnr_sensor.motion import POS
-from lowsnr_sensor.particles import log_sum_exp
-from lowsnr_track.joint import clusters
-from lowsnr_track.joint import log_marginals
-from lowsnr_track.kernels import gaussian_log_densities
+from lowsnr_common.core.motion import POS
+from lowsnr_common.core.particles import log_sum_exp
+from lowsnr_track.association_kernels import gaussian_log_densities
+from lowsnr_track.joint_association import clusters
+from lowsnr_track.joint_association import log_marginals
 from lowsnr_track.measurements import Measurements
 from lowsnr_track.mmpf import Cloud
 import numpy as np

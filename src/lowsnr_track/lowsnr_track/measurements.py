@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from lowsnr_sensor.motion import POS
-from lowsnr_sensor.records import Estimate
+from lowsnr_common.core.motion import POS
+from lowsnr_common.core.records import Estimate
 import numpy as np
 
 NOT_FINITE = 'position or score is not finite'

@@ -14,12 +14,12 @@ from dataclasses import dataclass
 from dataclasses import replace
 from functools import cached_property
 
-from lowsnr_sensor.motion import MotionModes
-from lowsnr_sensor.motion import POS
-from lowsnr_sensor.particles import effective_size
-from lowsnr_sensor.particles import normalise
-from lowsnr_sensor.particles import systematic_resample
-from lowsnr_sensor.particles import weighted_moments
+from lowsnr_common.core.motion import MotionModes
+from lowsnr_common.core.motion import POS
+from lowsnr_common.core.particles import effective_size
+from lowsnr_common.core.particles import normalise
+from lowsnr_common.core.particles import systematic_resample
+from lowsnr_common.core.particles import weighted_moments
 import numpy as np
 
 

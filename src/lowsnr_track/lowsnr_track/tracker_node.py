@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from lowsnr_sensor.malformed import Malformed
-from lowsnr_sensor.records import Estimate
-from lowsnr_sensor.ros import messages
-from lowsnr_sensor.ros.params import declare
-from lowsnr_sensor.ros.qos import reliable
-from lowsnr_sensor.ros.runtime import ManagedNode
-from lowsnr_sensor.ros.runtime import run
-from lowsnr_sensor.streams import stream
+from lowsnr_common.core.malformed import Malformed
+from lowsnr_common.core.records import Estimate
+from lowsnr_common.core.streams import stream
+from lowsnr_common.ros import messages
+from lowsnr_common.ros.managed_node import ManagedNode
+from lowsnr_common.ros.managed_node import run
+from lowsnr_common.ros.parameters import declare
+from lowsnr_common.ros.qos import reliable
 from lowsnr_track.pda_mmpf import PdaMmpf
 from lowsnr_track.warm_up import warm_up
 from nav_msgs.msg import Odometry

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from lowsnr_sensor.records import Estimate
-from lowsnr_track.management import Tracks
+from lowsnr_common.core.records import Estimate
+from lowsnr_track.track_management import Tracks
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from lowsnr_sensor.records import Estimate
+from lowsnr_common.core.records import Estimate
 from lowsnr_track.pda_mmpf import PdaMmpf
 import numpy as np
 

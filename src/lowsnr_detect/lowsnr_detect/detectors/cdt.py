@@ -7,14 +7,14 @@ from dataclasses import field
 from dataclasses import replace
 from typing import ClassVar
 
-from lowsnr_detect.detector import Declarations
-from lowsnr_detect.registry import register
-from lowsnr_detect.sequential import ratio_terms
-from lowsnr_detect.sequential import wald_bounds
-from lowsnr_detect.thinning import declare_above
-from lowsnr_sensor.config import check_settings
-from lowsnr_sensor.config import setting
-from lowsnr_sensor.measurement import SensorModel
+from lowsnr_common.core.measurement import SensorModel
+from lowsnr_common.settings.config import check_settings
+from lowsnr_common.settings.config import setting
+from lowsnr_detect.parts.detector import Declarations
+from lowsnr_detect.parts.registry import register
+from lowsnr_detect.parts.thinning import declare_above
+from lowsnr_detect.parts.wald_bounds import ratio_terms
+from lowsnr_detect.parts.wald_bounds import wald_bounds
 import numpy as np
 
 

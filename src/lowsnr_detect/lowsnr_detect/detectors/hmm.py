@@ -14,26 +14,26 @@ from dataclasses import field
 from dataclasses import replace
 from typing import ClassVar
 
-from lowsnr_detect.detector import Declarations
-from lowsnr_detect.directed import favoured_cells
-from lowsnr_detect.directed import favoured_moves
-from lowsnr_detect.existence import declare_posterior
-from lowsnr_detect.existence import Existence
-from lowsnr_detect.gridfilter import born_belief
-from lowsnr_detect.gridfilter import cell_moments
-from lowsnr_detect.gridfilter import expect_belief
-from lowsnr_detect.gridfilter import move_and_weigh
-from lowsnr_detect.gridfilter import over_runs
-from lowsnr_detect.gridfilter import total
-from lowsnr_detect.moves import move_model
-from lowsnr_detect.moves import MoveModel
-from lowsnr_detect.registry import register
-from lowsnr_sensor.config import check_settings
-from lowsnr_sensor.config import setting
-from lowsnr_sensor.destination import Destination
-from lowsnr_sensor.likelihood import relative_likelihood
-from lowsnr_sensor.measurement import SensorModel
-from lowsnr_sensor.motion import MotionModes
+from lowsnr_common.core.destination import Destination
+from lowsnr_common.core.likelihood import relative_likelihood
+from lowsnr_common.core.measurement import SensorModel
+from lowsnr_common.core.motion import MotionModes
+from lowsnr_common.settings.config import check_settings
+from lowsnr_common.settings.config import setting
+from lowsnr_detect.parts.destination_moves import favoured_cells
+from lowsnr_detect.parts.destination_moves import favoured_moves
+from lowsnr_detect.parts.detector import Declarations
+from lowsnr_detect.parts.existence import declare_posterior
+from lowsnr_detect.parts.existence import Existence
+from lowsnr_detect.parts.grid_filter import born_belief
+from lowsnr_detect.parts.grid_filter import cell_moments
+from lowsnr_detect.parts.grid_filter import expect_belief
+from lowsnr_detect.parts.grid_filter import move_and_weigh
+from lowsnr_detect.parts.grid_filter import over_runs
+from lowsnr_detect.parts.grid_filter import total
+from lowsnr_detect.parts.moves import move_model
+from lowsnr_detect.parts.moves import MoveModel
+from lowsnr_detect.parts.registry import register
 import numpy as np
 
 # An outlier may leave nothing else possible; what is so is not zero, so that it has a log.

@@ -16,23 +16,23 @@ import functools
 import math
 from typing import ClassVar
 
-from lowsnr_detect.detector import Declarations
-from lowsnr_detect.directed import favoured_cells
-from lowsnr_detect.directed import favoured_moves
-from lowsnr_detect.kernels import extend_paths
-from lowsnr_detect.moves import best_vicinity
-from lowsnr_detect.moves import move_model
-from lowsnr_detect.regions import in_bands
-from lowsnr_detect.registry import register
-from lowsnr_detect.sequential import floor32
-from lowsnr_detect.sequential import ratio_terms
-from lowsnr_detect.sequential import wald_bounds
-from lowsnr_detect.thinning import declare_above
-from lowsnr_sensor.config import check_settings
-from lowsnr_sensor.config import setting
-from lowsnr_sensor.destination import Destination
-from lowsnr_sensor.measurement import SensorModel
-from lowsnr_sensor.motion import MotionModes
+from lowsnr_common.core.destination import Destination
+from lowsnr_common.core.measurement import SensorModel
+from lowsnr_common.core.motion import MotionModes
+from lowsnr_common.settings.config import check_settings
+from lowsnr_common.settings.config import setting
+from lowsnr_detect.parts.bands import in_bands
+from lowsnr_detect.parts.destination_moves import favoured_cells
+from lowsnr_detect.parts.destination_moves import favoured_moves
+from lowsnr_detect.parts.detector import Declarations
+from lowsnr_detect.parts.moves import best_vicinity
+from lowsnr_detect.parts.moves import move_model
+from lowsnr_detect.parts.path_kernels import extend_paths
+from lowsnr_detect.parts.registry import register
+from lowsnr_detect.parts.thinning import declare_above
+from lowsnr_detect.parts.wald_bounds import floor32
+from lowsnr_detect.parts.wald_bounds import ratio_terms
+from lowsnr_detect.parts.wald_bounds import wald_bounds
 import numpy as np
 
 _KIND = np.dtype(np.float32)

@@ -13,25 +13,25 @@ from dataclasses import field
 from dataclasses import replace
 from typing import ClassVar
 
-from lowsnr_detect.clouds import ConstantVelocity
-from lowsnr_detect.clouds import draw_births
-from lowsnr_detect.clouds import log_birth_proposal
-from lowsnr_detect.detector import Declarations
-from lowsnr_detect.existence import declare_posterior
-from lowsnr_detect.existence import Existence
-from lowsnr_detect.registry import register
-from lowsnr_sensor.config import check_settings
-from lowsnr_sensor.config import setting
-from lowsnr_sensor.destination import Destination
-from lowsnr_sensor.destination import favour_of_states
-from lowsnr_sensor.destination import move_towards
-from lowsnr_sensor.likelihood import state_log_ratio
-from lowsnr_sensor.measurement import SensorModel
-from lowsnr_sensor.motion import MotionModes
-from lowsnr_sensor.particles import normalise
-from lowsnr_sensor.particles import pick
-from lowsnr_sensor.particles import systematic_resample
-from lowsnr_sensor.particles import weighted_moments
+from lowsnr_common.core.destination import Destination
+from lowsnr_common.core.destination import favour_of_states
+from lowsnr_common.core.destination import move_towards
+from lowsnr_common.core.likelihood import state_log_ratio
+from lowsnr_common.core.measurement import SensorModel
+from lowsnr_common.core.motion import MotionModes
+from lowsnr_common.core.particles import normalise
+from lowsnr_common.core.particles import pick
+from lowsnr_common.core.particles import systematic_resample
+from lowsnr_common.core.particles import weighted_moments
+from lowsnr_common.settings.config import check_settings
+from lowsnr_common.settings.config import setting
+from lowsnr_detect.parts.births import ConstantVelocity
+from lowsnr_detect.parts.births import draw_births
+from lowsnr_detect.parts.births import log_birth_proposal
+from lowsnr_detect.parts.detector import Declarations
+from lowsnr_detect.parts.existence import declare_posterior
+from lowsnr_detect.parts.existence import Existence
+from lowsnr_detect.parts.registry import register
 import numpy as np
 
 

@@ -1,1 +1,1 @@
-"""The ROS side of running and evaluating graphs."""
+"""Messages of recorded runs and of viewers."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import Any
 
-from lowsnr_eval.bags.reader import Bag
-from lowsnr_eval.bags.reader import Message
-from lowsnr_eval.bags.recorded_chains import RecordedChains
-from lowsnr_eval.judge import Judge
-from lowsnr_sensor.malformed import Malformed
-from lowsnr_sensor.ros import messages
+from lowsnr_bringup.bags.reader import Bag
+from lowsnr_bringup.bags.reader import Message
+from lowsnr_common.core.malformed import Malformed
+from lowsnr_common.ros import messages
+from lowsnr_eval.scoring.recorded_chains import RecordedChains
+from lowsnr_eval.scoring.run_scoring import Judge
 
 
 def feed(bag: Bag, chains: RecordedChains, judge: Judge) -> None:

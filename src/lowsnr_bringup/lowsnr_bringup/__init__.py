@@ -1,0 +1,1 @@
+"""Plans, starts, supervises and ends a run; bags, recorder, player."""

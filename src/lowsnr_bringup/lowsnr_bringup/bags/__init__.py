@@ -1,0 +1,1 @@
+"""Rosbag2 bags: written, read, repaired, replayed, and made of files."""

@@ -1,0 +1,155 @@
+"""The player node: publishes the frames and the truth of a bag in the sensor's place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+import time
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from lowsnr_bringup.bags.reader import Bag
+from lowsnr_bringup.bags.replaying import played_frames
+from lowsnr_bringup.bags.replaying import PlayedFrame
+from lowsnr_bringup.bags.settings import PlayerSettings
+from lowsnr_common.core.malformed import Malformed
+from lowsnr_common.ros import messages
+from lowsnr_common.ros.connections import wait_for_readers
+from lowsnr_common.ros.lockstep import Lockstep
+from lowsnr_common.ros.managed_node import ManagedNode
+from lowsnr_common.ros.managed_node import run
+from lowsnr_common.ros.parameters import declare
+from lowsnr_common.ros.qos import frame_depth
+from lowsnr_common.ros.qos import reliable
+from nav_msgs.msg import Odometry
+from rclpy.lifecycle import LifecycleState
+from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.serialization import deserialize_message
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Image
+from vision_msgs.msg import Detection2DArray
+
+_AT_ONCE_S = 1e-4
+
+
+class PlayerNode(ManagedNode):
+    """
+    Publish ``image_raw``, ``ground_truth``, ``ground_truth/odometry`` and ``/clock``.
+
+    The messages go out as the bytes that were recorded.  Frames follow the wall clock at
+    ``rate_hz`` or as they were recorded, or, in lockstep, the evaluator's word that the frame
+    before is scored.  After the last frame the node shuts its process down.
+    """
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__('player', **kwargs)
+        self.playing = declare(self, PlayerSettings)
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Open the bag and create the publishers."""
+        depth, playing = self.settings.queue_depth, self.playing
+        self._bag = Bag(Path(playing.bag))
+        self._left = playing.frames or -1
+        self._frames = self._after(
+            played_frames(self._bag, playing.frames_topic, playing.truth_topic))
+        self._image = self.create_publisher(
+            Image, 'image_raw', reliable(frame_depth(depth, playing.rows, playing.cols)))
+        self._data_time = self.create_publisher(Clock, '/clock', reliable(depth))
+        self.outputs = {
+            self._image: self.settings.consumers,
+            self._data_time: bool(self.settings.consumers)}
+        if playing.truth_topic:
+            self._array = self.create_publisher(
+                Detection2DArray, 'ground_truth', reliable(depth))
+            self._odometry = self.create_publisher(
+                Odometry, 'ground_truth/odometry', reliable(depth))
+            self.outputs |= dict.fromkeys(
+                (self._array, self._odometry), bool(self.settings.consumers))
+        self._lockstep = Lockstep(self, self._publish_next, playing.patience_s)
+        self._next = next(self._frames, None)
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Start the frames as soon as the readers are there."""
+        result = super().on_activate(state)
+        self._start_s, self._played = time.monotonic(), 0
+        self._first_stamp = self._next.stamp_ns if self._next else 0
+        self._timer = self.create_timer(_AT_ONCE_S, self._publish_next)
+        return result
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop the frames."""
+        self.destroy_timer(self._timer)
+        return super().on_deactivate(state)
+
+    def _after(self, frames: Iterator[PlayedFrame]) -> Iterator[PlayedFrame]:
+        """Yield the frames that an earlier life of this node has not played."""
+        for frame in frames:
+            if frame.stamp_ns > self.playing.resume_after_ns:
+                yield frame
+            else:
+                self._left -= 1
+
+    def _publish_next(self) -> None:
+        self._timer.cancel()
+        frame, self._left = self._next, self._left - 1
+        if frame is None or self._left == -1:
+            self._finish()
+            return
+        # A frame of which no truth is known is not scored, so it is not waited for.
+        scored = frame.truth is not None or not self.playing.truth_topic
+        waits = self.playing.lockstep and scored
+        if waits:
+            self._lockstep.sent(frame.stamp_ns)
+        self._publish(frame)
+        self._played += 1
+        self.counts['out'] += 1
+        self._next = next(self._frames, None)
+        if not waits:
+            self._timer.timer_period_ns = round(1e9 * max(_AT_ONCE_S, self._wait_s()))
+            self._timer.reset()
+
+    def _wait_s(self) -> float:
+        """Return the time until the next frame is due [s]."""
+        since_s = time.monotonic() - self._start_s
+        if self._next is None or self.playing.lockstep:
+            return 0.0
+        if self.playing.rate_hz:
+            return self._played / self.playing.rate_hz - since_s
+        return (self._next.stamp_ns - self._first_stamp) / 1e9 - since_s
+
+    def _publish(self, frame: PlayedFrame) -> None:
+        seconds, nanoseconds = divmod(frame.stamp_ns, 1_000_000_000)
+        self._data_time.publish(Clock(clock=Time(sec=seconds, nanosec=nanoseconds)))
+        if frame.truth is not None:
+            for data in frame.odometry or self._odometry_of(frame.truth.data):
+                self._odometry.publish(data)
+            self._array.publish(frame.truth.data)
+        self._image.publish(frame.image)
+
+    def _odometry_of(self, data: bytes) -> list[Odometry]:
+        """Return odometry, without velocity, for a truth that came without."""
+        array = deserialize_message(data, Detection2DArray)
+        try:
+            entries = messages.array_to_estimates(array, self.playing.cell_size_m)
+        except Malformed as error:
+            self.refuse(f'{self.playing.truth_topic}: {error}')
+            return []
+        return [messages.estimate_to_odometry(item, array.header) for item in entries if item.id]
+
+    def _finish(self) -> None:
+        """End the process once every reader has acknowledged every message."""
+        wait_for_readers(self.outputs)
+        for note in self._bag.notes:
+            self.get_logger().warning(note)
+        self._bag.close()
+        self.finish()
+
+
+def main(args: list[str] | None = None) -> None:
+    """Entry point of ``ros2 run lowsnr_eval player_node``."""
+    run(PlayerNode, args)
+
+
+if __name__ == '__main__':
+    main()

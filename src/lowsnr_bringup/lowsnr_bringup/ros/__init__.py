@@ -1,0 +1,1 @@
+"""The ROS side of a run: manager, supervisor and cameras."""

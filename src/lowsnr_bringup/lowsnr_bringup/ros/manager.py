@@ -1,0 +1,188 @@
+"""The manager of a run: drives the nodes through their lifecycle and follows the progress."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from collections.abc import Iterable
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import KeyValue
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from lifecycle_msgs.srv import GetState
+from lowsnr_bringup.plan.graph import MANAGER
+from lowsnr_bringup.plan.graph import Node as GraphNode
+from lowsnr_bringup.ros.transition import PendingTransition
+from lowsnr_common.core.timeline import Timeline
+from lowsnr_common.core.timeline import Verdict
+from lowsnr_common.ros.inputs import drain
+from lowsnr_common.ros.messages import stamp_key
+from lowsnr_common.ros.qos import reliable
+from rcl_interfaces.msg import ParameterEvent
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
+from rclpy.qos import qos_profile_parameter_events
+from rclpy.signals import SignalHandlerOptions
+from rosgraph_msgs.msg import Clock
+
+CONFIGURE = Transition.TRANSITION_CONFIGURE
+ACTIVATE = Transition.TRANSITION_ACTIVATE
+DEACTIVATE = Transition.TRANSITION_DEACTIVATE
+_EVALUATOR_WITHIN_S = 30.0
+
+
+class GraphFailure(Exception):
+    """A node died or refused a transition; the message says which and why."""
+
+
+class Manager:
+    """
+    A client of every node's lifecycle, in a ROS context of its own.
+
+    Parameters
+    ----------
+    nodes
+        The nodes of the run.
+    check
+        Called again and again while waiting; raises to end the wait.
+    on_scored
+        Called with the number of the frame, and the totals of detections and tracks, for each
+        frame that the evaluator has scored.
+
+    """
+
+    def __init__(
+        self, nodes: Iterable[GraphNode], check: Callable[[], None],
+        on_scored: Callable[[int, int, int], None],
+    ) -> None:
+        self._check, self._on_scored = check, on_scored
+        self.scored = self._detections = self._tracks = 0
+        self._context = rclpy.Context()
+        rclpy.init(
+            args=['--ros-args', '--enclave', f'/{MANAGER}'], context=self._context,
+            signal_handler_options=SignalHandlerOptions.NO)
+        self._node = Node(MANAGER, context=self._context, use_global_arguments=False)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._services = {
+            node: (self._node.create_client(ChangeState, f'{node.path}/change_state'),
+                   self._node.create_client(GetState, f'{node.path}/get_state'))
+            for node in nodes}
+        self._scored = self._node.create_subscription(
+            DiagnosticArray, 'scored', self._count, reliable(10_000))
+        self.published, self.newest_ns, self._timeline = 0, -1, Timeline()
+        self.restarted: Counter[str] = Counter()
+        self._followed = [self._scored]
+        if any(node.source for node in self._services):  # else a clock is somebody else's
+            self._followed.append(self._node.create_subscription(
+                Clock, 'clock', self._on_clock, reliable(10_000)))
+        self._paths = {node.path for node in nodes}
+        self._active: dict[str, str] = {}  # process by node
+        self.statuses: dict[str, DiagnosticStatus] = {}  # the newest of each active node
+        self._node.create_subscription(
+            DiagnosticArray, '/diagnostics', self._on_diagnostics, reliable(100))
+        self._changed: dict[str, dict[str, Any]] = {}  # parameters set while it ran, by node
+        self._parameters = self._node.create_subscription(
+            ParameterEvent, '/parameter_events', self._on_parameters, qos_profile_parameter_events)
+        self._restarts = self._node.create_publisher(DiagnosticArray, 'restarts', reliable(100))
+
+    def close(self) -> None:
+        """Leave ROS."""
+        self._executor.shutdown()
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+    def wait_for_evaluator(self) -> None:
+        """Wait until the evaluator's word of scored frames reaches this manager."""
+        until = time.monotonic() + _EVALUATOR_WITHIN_S
+        while not self._scored.get_publisher_count():
+            if time.monotonic() > until:
+                raise GraphFailure(
+                    f'the evaluator was not heard of within {_EVALUATOR_WITHIN_S:g} s')
+            self.spin(0.01)
+
+    def spin(self, seconds: float) -> None:
+        """Take messages for a while, then check."""
+        self._executor.spin_once(timeout_sec=seconds)
+        self._check()
+
+    def change(self, transition: int, nodes: Iterable[GraphNode], within_s: float) -> None:
+        """
+        Ask nodes for a transition, all at once, and wait until they have made it.
+
+        Raises
+        ------
+        GraphFailure
+            If a node refuses or does not answer in time.
+
+        """
+        until = time.monotonic() + within_s
+        waiting = {node: PendingTransition(*self._services[node], transition) for node in nodes}
+        while waiting:
+            for node, pending in list(waiting.items()):
+                if (made := pending.poll()) is False:
+                    raise GraphFailure(f'{node.label} refused to change its state')
+                if made:
+                    del waiting[node]
+            if waiting and time.monotonic() > until:
+                raise GraphFailure(
+                    f'{next(iter(waiting)).label} did not answer within {within_s:g} s')
+            if waiting:
+                self.spin(0.02)
+
+    def is_active(self, node: GraphNode, process: int) -> bool:
+        """Return whether a process of a node has said that it is active."""
+        return self._active.get(node.path) == str(process)
+
+    def changed(self, node: GraphNode) -> dict[str, Any]:
+        """Return the parameters of a node that were set while it ran, up to the last."""
+        drain(self._parameters)
+        return self._changed.get(node.path, {})
+
+    def catch_up(self) -> None:
+        """Take all that has come of frames sent and scored."""
+        for subscription in self._followed:
+            drain(subscription)
+
+    def announce(self, node: GraphNode, death: str, started_s_ago: float) -> None:
+        """Tell all that a node was started again, so that nobody waits for what it had."""
+        self.restarted[node.label] += 1
+        self._restarts.publish(DiagnosticArray(status=[DiagnosticStatus(
+            level=DiagnosticStatus.WARN, name=node.path, message=death,
+            values=[KeyValue(key='started_s_ago', value=f'{started_s_ago:.3f}')])]))
+
+    def _count(self, message: DiagnosticArray) -> None:
+        try:
+            for status in message.status:
+                values = {item.key: int(item.value) for item in status.values}
+                self.scored = max(self.scored, values['frame'])
+                self._detections += values['detections']
+                self._tracks += values['tracks']
+        except (KeyError, ValueError):
+            return  # not the evaluator's
+        self._on_scored(self.scored, self._detections, self._tracks)
+
+    def _on_clock(self, message: Clock) -> None:
+        stamp = stamp_key(message.clock)
+        if self._timeline.judge(stamp) is not Verdict.LATE:
+            self.published += 1
+            self.newest_ns = stamp
+
+    def _on_parameters(self, event: ParameterEvent) -> None:
+        if event.node in self._paths:
+            self._changed.setdefault(event.node, {}).update(
+                {item.name: parameter_value_to_python(item.value)
+                 for item in event.changed_parameters})
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            values = {item.key: item.value for item in status.values}
+            if status.name in self._paths and values.get('state') == 'active':
+                self._active[status.name] = values.get('process', '')
+                self.statuses[status.name] = status

@@ -1,0 +1,145 @@
+"""Starts nodes again that died in a run, and tells everybody who waits for them."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from dataclasses import field
+from pathlib import Path
+import sys
+import time
+
+from lowsnr_bringup.plan.graph import Node
+from lowsnr_bringup.ros.manager import Manager
+from lowsnr_bringup.run.processes import NodeProcess
+from lowsnr_bringup.run.processes import ProcessGroup
+from lowsnr_bringup.run.respawn_policy import Deaths
+from lowsnr_bringup.run.respawn_policy import RespawnPolicy
+from lowsnr_bringup.run.shared_memory import clear_leftovers
+from lowsnr_bringup.run.shared_memory import close_ports
+from lowsnr_bringup.run.shared_memory import free_ports
+from tqdm import tqdm
+
+RESTARTS_FILE = 'restarts.csv'
+_COLUMNS = ('frame', 'node', 'death', 'down_s')
+# A start may have to calibrate.
+_ACTIVE_WITHIN_S = 600.0
+_AGAIN_AFTER_S = 5.0
+_USAGE_ERROR = 2
+# Of what a node ends itself with, what it would end with again; a recorder on a full disk does.
+_FINAL = {'recorder': (_USAGE_ERROR, 1)}
+
+
+@dataclass
+class _Case:
+    """A node that died: how, at which frame, when [s], and its new process if started."""
+
+    death: str
+    frame: int
+    died_s: float
+    start_s: float
+    process: NodeProcess | None = None
+    started_s: float = 0.0
+
+
+@dataclass
+class Respawner:
+    """
+    Brings nodes back that died.
+
+    Parameters
+    ----------
+    group, manager
+        The processes, and who hears of them.
+    folder
+        Results folder, whose ``restarts.csv`` gets a line for each restart.
+    files
+        Texts of the files that a node needs at its start, written again where they are gone.
+
+    """
+
+    group: ProcessGroup
+    manager: Manager
+    folder: Path
+    files: dict[Path, str]
+    policy: RespawnPolicy = field(default_factory=RespawnPolicy)
+    _deaths: dict[Node, Deaths] = field(default_factory=dict)
+    _cases: dict[Node, _Case] = field(default_factory=dict)
+
+    @property
+    def away(self) -> set[Node]:
+        """Return the nodes that are on their way back."""
+        return set(self._cases)
+
+    def took(self, member: NodeProcess) -> bool:
+        """Take on a dead member; False where it is not to be started again."""
+        node, now_s = member.node, time.monotonic()
+        if node in self._cases and self._cases[node].process is not member:
+            return True  # waits for its start
+        self.manager.catch_up()
+        deaths = self._deaths.setdefault(node, Deaths(self.policy))
+        wait_s = deaths.add(now_s)
+        if wait_s is None or member.process.returncode in _FINAL.get(node.name, (_USAGE_ERROR,)):
+            self._cases.pop(node, None)
+            return False
+        free_ports()
+        clear_leftovers()
+        close_ports()
+        first = self._cases.get(node)
+        died_s = first.died_s if first else now_s
+        self._cases[node] = _Case(member.death(), self.manager.scored, died_s, now_s + wait_s)
+        tell(f'{node.label} {member.death()} at frame {self.manager.scored}; '
+             f'it is started again (restart {deaths.count})')
+        return True
+
+    def look(self) -> None:
+        """Start what is due, and say who is back."""
+        for node, case in list(self._cases.items()):
+            now_s = time.monotonic()
+            if case.process is None and now_s >= case.start_s:
+                self._start(node, case)
+            elif case.process is None:
+                continue
+            elif self.manager.is_active(node, case.process.process.pid):
+                del self._cases[node]
+                self._back(node, case, now_s)
+            elif now_s - case.started_s > _ACTIVE_WITHIN_S:
+                case.process.process.kill()
+
+    def _start(self, node: Node, case: _Case) -> None:
+        """Start a node again, or try later where the disk or the machine has no room."""
+        own: dict[str, object] = {
+            **self.manager.changed(node),
+            'autostart': True, 'lives': self._deaths[node].count}
+        if node.source:
+            own['resume_after_ns'] = self.manager.newest_ns
+        try:
+            for path, text in self.files.items():
+                if not path.exists():
+                    path.parent.mkdir(parents=True, exist_ok=True)
+                    path.write_text(text, encoding='utf-8')
+            case.process = self.group.start(node, next(iter(self.files)), own)
+            case.started_s = time.monotonic()
+        except OSError as error:
+            case.start_s += _AGAIN_AFTER_S
+            tell(f'{node.label} cannot be started: {error.strerror}: {error.filename}; '
+                 f'trying again in {_AGAIN_AFTER_S:g} s')
+
+    def _back(self, node: Node, case: _Case, now_s: float) -> None:
+        self.manager.announce(node, case.death, now_s - case.started_s)
+        down_s = now_s - case.died_s
+        tell(f'{node.label} is back after {down_s:.1f} s')
+        path = self.folder / RESTARTS_FILE
+        try:
+            fresh = not path.exists()
+            with path.open('a', encoding='utf-8', newline='') as file:
+                table = csv.writer(file, lineterminator='\n')
+                table.writerows([_COLUMNS] * fresh)
+                table.writerow([case.frame, node.label, case.death, f'{down_s:.3f}'])
+        except OSError as error:
+            tell(f'{path}: cannot be written: {error.strerror}')
+
+
+def tell(text: str) -> None:
+    """Say something beside the progress bar."""
+    tqdm.write(f'bringup.py: {text}', file=sys.stderr)

@@ -1,0 +1,143 @@
+"""The processes of a graph: started together, watched, and ended whatever happens."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from collections.abc import Mapping
+from dataclasses import dataclass
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+from types import MappingProxyType
+from typing import BinaryIO
+
+from lowsnr_bringup.plan.graph import Node
+from lowsnr_bringup.run.shared_memory import clear_leftovers
+from lowsnr_common.core.parent import LIFELINE
+
+_TERM_WITHIN_S = 2.0
+_LAST_LINES = 8
+TERMINATED = 128 + signal.SIGTERM
+NONE: Mapping[str, object] = MappingProxyType({})
+
+
+@dataclass(frozen=True)
+class NodeProcess:
+    """A node's process and the file its output goes to."""
+
+    node: Node
+    process: subprocess.Popen[bytes]
+    log: Path
+
+    def death(self) -> str:
+        """Say how the process ended, in words."""
+        status = self.process.poll()
+        if status is None:
+            return 'runs'
+        if status < 0:
+            return f'was killed by {signal.Signals(-status).name}'
+        if status == TERMINATED:
+            return 'was ended by SIGTERM'
+        return f'ended with status {status}'
+
+    def last_lines(self) -> str:
+        """Return the last lines of its log, indented."""
+        try:
+            lines = self.log.read_text(encoding='utf-8', errors='replace').splitlines()
+        except OSError as error:
+            return f'    (it cannot be read: {error.strerror})'
+        return '\n'.join(f'    {line}' for line in lines[-_LAST_LINES:]) or '    (it is empty)'
+
+
+class ProcessGroup:
+    """
+    Node processes that live no longer than their starter.
+
+    Each holds the read end of a pipe whose write end only the starter has: when the starter
+    is gone, however it went, the pipe closes and the nodes end themselves.  Use it as a
+    context manager.
+
+    Parameters
+    ----------
+    logs
+        Folder for the log files, made where it is missing.
+    environment
+        Environment of the processes.
+
+    """
+
+    def __init__(self, logs: Path, environment: Mapping[str, str]) -> None:
+        self._logs = logs
+        self._environment = dict(environment)
+        self._pipe_out, self._pipe_in = os.pipe()
+        self.members: list[NodeProcess] = []
+
+    def __enter__(self) -> ProcessGroup:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+        os.close(self._pipe_in)
+        os.close(self._pipe_out)
+
+    def start(
+        self, node: Node, parameter_file: Path, parameters: Mapping[str, object] = NONE,
+    ) -> NodeProcess:
+        """
+        Start one node with its parameters; its output goes to the end of ``<label>.log``.
+
+        ``parameters`` go over those of the file.  A process that the node had before is no
+        longer a member.
+        """
+        command = [sys.executable, '-m', node.module, *node.arguments, '--ros-args',
+                   '--params-file', str(parameter_file), '--enclave', node.path]
+        for name, value in parameters.items():
+            command += ['-p', f'{name}:={value}']
+        if node.namespace:
+            command += ['-r', f'__ns:={node.namespace}']
+        for remap in node.remaps:
+            command += ['-r', remap]
+        path = self._logs / f'{node.label}.log'
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open('ab') as log:
+            process = self._spawn(command, log)
+        member = NodeProcess(node, process, path)
+        self.members = [other for other in self.members if other.node != node] + [member]
+        return member
+
+    def _spawn(self, command: list[str], log: BinaryIO) -> subprocess.Popen[bytes]:
+        """Start a process in a session of its own, so that Ctrl-C reaches the starter only."""
+        environment = {**self._environment, LIFELINE: str(self._pipe_out)}
+        return subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
+            env=environment, pass_fds=(self._pipe_out,), start_new_session=True)
+
+    def dead(self) -> list[NodeProcess]:
+        """Return the members that have ended."""
+        return [member for member in self.members if member.process.poll() is not None]
+
+    def stop(self) -> None:
+        """End all members: SIGTERM, and SIGKILL to those that do not answer it."""
+        running = [m for m in self.members if m.process.poll() is None]
+        for member in running:
+            member.process.send_signal(signal.SIGTERM)
+            member.process.send_signal(signal.SIGCONT)
+        if not _wait(running, _TERM_WITHIN_S):
+            for member in running:
+                member.process.kill()
+            _wait(running, _TERM_WITHIN_S)
+        clear_leftovers()
+
+
+def _wait(members: Iterable[NodeProcess], seconds: float) -> bool:
+    """Wait until all have ended; False if the time is over before."""
+    until = time.monotonic() + seconds
+    for member in members:
+        try:
+            member.process.wait(max(0.0, until - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            return False
+    return True

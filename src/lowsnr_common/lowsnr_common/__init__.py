@@ -1,0 +1,1 @@
+"""Settings, models of motion and sensor, particles, and the edge to ROS."""

@@ -1,0 +1,1 @@
+"""Models of motion and sensor, likelihoods, particles, records and random streams."""

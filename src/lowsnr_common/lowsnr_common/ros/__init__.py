@@ -1,0 +1,1 @@
+"""The one edge to ROS: the managed node, its parameters, messages, QoS and diagnostics."""

@@ -1,0 +1,95 @@
+"""Settings that change while a node runs: ``ros2 param set``, taken or refused as a whole."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from lowsnr_common.ros.connections import wait_for_readers
+from lowsnr_common.ros.lifecycle import SteadyLifecycleNode
+from lowsnr_common.settings.config import changed
+from lowsnr_common.settings.config import flat_values
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.parameter import Parameter
+
+_EVENTS, _KNOWN_WITHIN_S = '/parameter_events', 1.0
+
+
+class SettingsNode(SteadyLifecycleNode):
+    """
+    A lifecycle node whose parameters are settings.
+
+    A subclass that takes some while it runs declares them so, keeps the instances in
+    ``self.live``, and overrides :meth:`on_set`.
+    """
+
+    def __init__(self, name: str, **kwargs: Any) -> None:
+        super().__init__(name, **kwargs)
+        self.live: tuple[Any, ...] = ()
+
+    def complete(self, values: dict[str, Any]) -> dict[str, Any]:
+        """Return what is to be set with these values; ValueError for what must not be."""
+        return values
+
+    def on_set(self) -> None:
+        """Act on the new settings in ``self.live``."""
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """
+        Set all of the parameters, or none of them, with the reason in one line.
+
+        The parameter services call this, whether they set one or many.
+        """
+        try:
+            live, parameters = self._checked(parameter_list)
+        except ValueError as error:
+            self.get_logger().warning(f'not set: {error}')
+            return SetParametersResult(successful=False, reason=str(error))
+        result = super().set_parameters_atomically(parameters)
+        if result.successful and live != self.live:
+            self.get_logger().info('set ' + ', '.join(
+                f'{name} = {new} (was {old})' for name, old, new in self._differences(live)))
+            self.live = live
+            self.on_set()
+            # Only then is it said to be set: whoever starts the node again must know it.
+            wait_for_readers(
+                (each for each in self.publishers if each.topic_name == _EVENTS), _KNOWN_WITHIN_S)
+        return result
+
+    def set_parameters(self, parameter_list: list[Parameter]) -> list[SetParametersResult]:
+        """Set parameters one by one, by the same rules."""
+        return [self.set_parameters_atomically([item]) for item in parameter_list]
+
+    def put_back(self, live: tuple[Any, ...]) -> None:
+        """Hold earlier settings again, where later ones turned out not to work."""
+        super().set_parameters_atomically([
+            Parameter(name, value=new) for name, _, new in self._differences(live)])
+        self.live = live
+
+    def _checked(
+        self, parameters: list[Parameter],
+    ) -> tuple[tuple[Any, ...], list[Parameter]]:
+        """Return the settings with these parameters, and the parameters in their own types."""
+        given = {item.name: item for item in parameters}
+        for name in given:
+            self._refuse_read_only(name)
+        values = self.complete({name: item.value for name, item in given.items()})
+        live = tuple(changed(one, values) for one in self.live)
+        own = {name: value for one in live for name, value in flat_values(one).items()}
+        return live, [
+            Parameter(name, value=own[name]) if name in own else given[name] for name in values]
+
+    def _refuse_read_only(self, name: str) -> None:
+        if not self.has_parameter(name):
+            raise ValueError(f'{name} is not a parameter of {self.get_name()}')
+        if self.describe_parameter(name).read_only:
+            label = self.get_name().removesuffix('_detector')
+            raise ValueError(
+                f'{name} is read-only while {self.get_name()} runs; set it at the start: '
+                f'--set {label}.{name}=VALUE')
+
+    def _differences(self, live: tuple[Any, ...]) -> list[tuple[str, Any, Any]]:
+        """Return name, present and other value of every setting that differs."""
+        pairs = [(flat_values(one), flat_values(other)) for one, other in zip(self.live, live)]
+        return [
+            (name, old, other[name]) for one, other in pairs for name, old in one.items()
+            if other[name] != old]

@@ -1,0 +1,1 @@
+"""Declared, checked settings: one declaration serves Python, YAML, ROS and validation."""

@@ -1,0 +1,1 @@
+"""Thresholds for a wanted false-alarm probability."""

@@ -1,0 +1,1 @@
+"""The one node that runs any detector."""

@@ -1,0 +1,138 @@
+"""The detector node: any registered detector between ``image_raw`` and ``detections``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from lowsnr_common.core.malformed import Malformed
+from lowsnr_common.core.streams import stream
+from lowsnr_common.ros import messages
+from lowsnr_common.ros.managed_node import ManagedNode
+from lowsnr_common.ros.managed_node import run
+from lowsnr_common.ros.parameters import declare
+from lowsnr_common.ros.qos import any_reliability
+from lowsnr_common.ros.qos import frame_depth
+from lowsnr_common.ros.qos import reliable
+from lowsnr_common.settings.config import changed
+from lowsnr_common.settings.node_settings import DetectionSettings
+from lowsnr_detect.node.live_detector import LiveDetector
+from lowsnr_detect.node.live_detector import refuse_without_effect
+from lowsnr_detect.node.warm_up import rehearse
+from lowsnr_detect.parts.detector import refuse_late_answers
+from lowsnr_detect.parts.registry import detector_class
+from nav_msgs.msg import Odometry
+import numpy as np
+from rclpy.lifecycle import LifecycleState
+from rclpy.lifecycle import TransitionCallbackReturn
+from sensor_msgs.msg import Image
+from std_msgs.msg import Header
+from vision_msgs.msg import Detection2DArray
+
+
+class DetectorNode(ManagedNode):
+    """Answer each frame on ``image_raw`` with one array on ``detections``, empty for none."""
+
+    def __init__(self, detector: str, **kwargs: Any) -> None:
+        super().__init__(f'{detector}_detector', **kwargs)
+        self.name = detector
+        self.live = (
+            declare(self, detector_class(detector), live=True),
+            declare(self, DetectionSettings, live=True))
+        self._work: LiveDetector | None = None
+        refuse_late_answers(self.live[0])
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Create publishers and subscription; calibrate where the frame size is known."""
+        detector, operating = self.live
+        rehearse(detector)
+        shape = (operating.rows, operating.cols)
+        self._work = self._at_work(shape) if all(shape) else None
+        self._rng = stream(self.settings.seed, 'detector')
+        depth = self.settings.queue_depth
+        self._array = self.create_publisher(
+            Detection2DArray, 'detections', reliable(depth))
+        self._odometry = self.create_publisher(Odometry, 'detections/odometry', reliable(depth))
+        self.outputs = {
+            self._array: self.settings.consumers, self._odometry: bool(self.settings.consumers)}
+        self.listen(
+            Image, 'image_raw', self._on_frame, any_reliability(frame_depth(depth, *shape)))
+        return TransitionCallbackReturn.SUCCESS
+
+    def _at_work(self, shape: tuple[int, int]) -> LiveDetector:
+        log = self.get_logger()
+        return LiveDetector(self.name, self.live, shape, log.info, log.error)
+
+    def complete(self, values: dict[str, Any]) -> dict[str, Any]:
+        """Refuse what would do nothing; going over to 'manual', begin with what is in force."""
+        detector, operating = (changed(one, values) for one in self.live)
+        refuse_without_effect(values, (detector, operating))
+        by_hand = operating.operating_point == 'manual' != self.live[1].operating_point
+        return self._work.thresholds() | values if by_hand and self._work else values
+
+    def on_set(self) -> None:
+        """Have the detector go over to the new settings."""
+        if self._work:
+            self._work.change(self.live, self.counts['in'] + 1)
+
+    def _on_frame(self, image: Image) -> None:
+        if not self.active or not self.is_new('image_raw', image.header.stamp):
+            return
+        if self._work and not self._work.settle(self.counts['in'] + 1):
+            self.put_back(self._work.settings)
+        self.counts['in'] += 1
+        try:
+            frame = messages.image_to_frame(image)
+            work = self._work_for(frame)
+        except Malformed as error:
+            self.refuse(
+                f'image_raw: {error}; frame refused, answered empty', f'image_raw {error.reason}')
+            self._publish([], image.header)
+            return
+        self._publish(work.step(frame, self._rng).estimates(), image.header)
+
+    def _work_for(self, frame: np.ndarray) -> LiveDetector:
+        """Return the detector at work, which the first frame starts."""
+        rows, cols = frame.shape
+        if self._work is None:
+            self._work = self._at_work((rows, cols))
+        elif self._work.shape != frame.shape:
+            raise Malformed(
+                'change of size', f'frame of {cols} x {rows} cells after frames of '
+                f'{self._work.shape[1]} x {self._work.shape[0]}')
+        return self._work
+
+    def _publish(self, estimates: list, header: Header) -> None:
+        for item in estimates:
+            if item.id:
+                self._odometry.publish(messages.estimate_to_odometry(item, header))
+        self._array.publish(messages.estimates_to_array(
+            estimates, header, self.live[0].sensor.cell_size_m))
+        self.counts['out'] += 1
+
+    def destroy_node(self) -> None:
+        """End a calibration that is under way, and the node."""
+        if self._work:
+            self._work.close()
+        super().destroy_node()
+
+
+def entry_point(detector: str) -> Callable[[list[str] | None], None]:
+    """Return the main() of the node of one registered detector."""
+    def main(args: list[str] | None = None) -> None:
+        run(lambda: DetectorNode(detector), args)
+    return main
+
+
+def __getattr__(name: str) -> Callable[[list[str] | None], None]:
+    """Give every registered detector its entry point, as ``ros2 run`` asks for it."""
+    try:
+        detector_class(name)
+    except ValueError:
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}') from None
+    return entry_point(name)
+
+
+if __name__ == '__main__':
+    import sys
+    entry_point(sys.argv.pop(1))(None)

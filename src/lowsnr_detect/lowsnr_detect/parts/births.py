@@ -1,0 +1,84 @@
+"""Clouds of particles that stand for an object which may not be there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from lowsnr_common.core.measurement import SensorModel
+from lowsnr_common.core.motion import MotionModes
+from lowsnr_common.core.motion import POS
+from lowsnr_common.core.motion import VEL
+from lowsnr_common.settings.config import setting
+import numpy as np
+
+# Share of the births that is proposed anywhere: bounds the weight of those in dim cells.
+_ANYWHERE = 0.1
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConstantVelocity(MotionModes):
+    """Motion with constant velocity as its only mode, unless others are named."""
+
+    turn_rates_deg_s: tuple[float, ...] = setting(
+        (0.0,), 'turn rate of each mode, 0 for constant velocity [deg/s]', ge=-36_000.0,
+        le=36_000.0)
+
+
+def log_birth_proposal(ratio: np.ndarray) -> np.ndarray:
+    """
+    Return the log probability with which a birth is proposed in each cell.
+
+    It is in proportion to the likelihood ratio, so that births are where the frame is
+    bright, for nine out of ten, and the same in all cells for the rest.
+
+    Parameters
+    ----------
+    ratio : (..., rows, cols) ndarray
+        Log-likelihood ratio per cell [nat].
+
+    Returns
+    -------
+    (..., cells) ndarray
+        Log probabilities; they sum to one.
+
+    """
+    flat = ratio.reshape(*ratio.shape[:-2], -1)
+    bright = np.exp(flat - flat.max(axis=-1, keepdims=True))
+    bright /= bright.sum(axis=-1, keepdims=True)
+    return np.log((1.0 - _ANYWHERE) * bright + _ANYWHERE / flat.shape[-1])
+
+
+def draw_births(
+    cells: np.ndarray, cols: int, sensor: SensorModel, motion: MotionModes,
+    rng: np.random.Generator,
+) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Draw objects that appear in given cells.
+
+    Parameters
+    ----------
+    cells : (...) ndarray of int
+        Cell numbers, row by row.
+    cols
+        Columns of the frame.
+    sensor
+        Cell size.
+    motion
+        Speeds and modes that objects appear with.
+    rng
+        Source of randomness.
+
+    Returns
+    -------
+    states : (..., 4) ndarray
+        States, uniform within the cell [m, m/s].
+    modes : (...) ndarray of int
+        Modes, all alike.
+
+    """
+    states = np.empty((*cells.shape, 4))
+    place = rng.uniform(-0.5, 0.5, (*cells.shape, 2))
+    for axis, cell in zip(POS, np.divmod(cells, cols)[::-1]):
+        states[..., axis] = sensor.cell_size_m * (cell + place[..., axis // 2])
+    states[..., VEL] = motion.draw_velocity(cells.shape, rng)
+    return states, rng.integers(motion.count, size=cells.shape)

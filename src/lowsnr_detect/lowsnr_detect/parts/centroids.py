@@ -1,0 +1,72 @@
+"""A position between the cells: the mean over a vicinity, weighted with the statistic."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from lowsnr_common.core.motion import POS
+from lowsnr_detect.parts.detector import Declarations
+import numpy as np
+
+# From (p_x, p_y) to a state.
+_POSITION = np.eye(4)[POS]
+
+
+def with_centroids(
+    declared: Declarations, plane: np.ndarray, *, reach: int, cell_size_m: float,
+) -> Declarations:
+    """
+    Move declarations from their cell to the centroid of its vicinity.
+
+    The best sum of log ratios of a cell is taken as the log of how likely the object is
+    there.  The strongest cell alone is often the one where the last noise was largest.
+
+    Parameters
+    ----------
+    declared : Declarations
+        Declarations at cell centres.
+    plane : (..., rows, cols) ndarray
+        Log-likelihood ratio of each cell [nat]; -inf for one that is out of the question.
+    reach
+        Cells on each side that count.
+    cell_size_m
+        Side of a cell [m].
+
+    Returns
+    -------
+    Declarations
+        The same with mean and covariance of the position; a cell adds its own variance.
+
+    """
+    found = declared.score > 0.0
+    run = np.nonzero(found.reshape(-1, found.shape[-1]))[0]
+    col, row = np.rint(declared.state[found][:, POS].T / cell_size_m).astype(np.intp)
+    window = _windows(plane.reshape(-1, *plane.shape[-2:]), run, row, col, reach)
+    weight = np.exp(window - window.max(axis=-1, keepdims=True))
+    weight /= weight.sum(axis=-1, keepdims=True)
+    offset = cell_size_m * _offsets(reach)[:, ::-1]
+    shift = weight @ offset
+    state, cov = declared.state.copy(), declared.cov.copy()
+    state[found] += shift @ _POSITION
+    squares = np.einsum('dw,wi,wj->dij', weight, offset, offset, optimize=True)
+    spread = squares - shift[:, :, None] * shift[:, None, :] + cell_size_m**2 / 12.0 * np.eye(2)
+    # NaN stays where the velocity is not estimated.
+    cov[found] = 0.0 * cov[found] + _POSITION.T @ spread @ _POSITION
+    return replace(declared, state=state, cov=cov)
+
+
+def _offsets(reach: int) -> np.ndarray:
+    """Return the (rows, cols) offsets of a vicinity, one a row."""
+    side = 2 * reach + 1
+    return np.stack(np.divmod(np.arange(side**2), side), axis=-1) - reach
+
+
+def _windows(
+    planes: np.ndarray, run: np.ndarray, row: np.ndarray, col: np.ndarray, reach: int,
+) -> np.ndarray:
+    """Return the values around cells, (cells, (2 reach + 1)^2); -inf outside the frame."""
+    rows, cols = _offsets(reach).T
+    rows, cols = row[:, None] + rows, col[:, None] + cols
+    inside = (rows >= 0) & (rows < planes.shape[1]) & (cols >= 0) & (cols < planes.shape[2])
+    found = planes[run[:, None], np.where(inside, rows, 0), np.where(inside, cols, 0)]
+    return np.where(inside, found, -np.inf)

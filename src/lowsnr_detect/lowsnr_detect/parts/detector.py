@@ -1,0 +1,112 @@
+"""
+What every detector is: settings, a memory, and a step from a frame to declarations.
+
+A detector is a frozen dataclass of settings.  ``init(shape)`` makes its memory for frames of
+shape ``(..., rows, cols)``, where leading axes are independent Monte Carlo runs;
+``step(state, frame, rng)`` returns the memory after the frame and what is declared in it.
+Nothing is hidden, so that a run can be repeated, batched and compared.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+from typing import ClassVar
+from typing import Protocol
+from typing import Self
+
+from lowsnr_common.core.measurement import SensorModel
+from lowsnr_common.core.records import Estimate
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Declarations:
+    """
+    What a detector says of one frame.
+
+    There are D slots for declarations in each run, strongest first; in a slot that is not
+    used the score is 0 and the rest is NaN.
+
+    Parameters
+    ----------
+    peak : (...,) ndarray
+        Largest value of the test statistic, declared or not: what the threshold was
+        compared with [nat].
+    score : (..., D) ndarray
+        Probability that the declaration is an object.
+    state : (..., D, 4) ndarray
+        State [m, m/s]; the velocity is NaN where it is not estimated.
+    cov : (..., D, 4, 4) ndarray
+        Its covariance, NaN likewise.
+
+    """
+
+    peak: np.ndarray
+    score: np.ndarray
+    state: np.ndarray
+    cov: np.ndarray
+
+    @property
+    def any(self) -> np.ndarray:  # noqa: A003
+        """Whether anything is declared, (...,) of bool."""
+        return np.any(self.score > 0.0, axis=-1)
+
+    def estimates(self) -> list[Estimate]:
+        """
+        Return the declarations of a single run (no leading axes) as records.
+
+        A declaration with a velocity gets an id, ``'1'`` for the strongest.
+        """
+        return [
+            Estimate(self.state[n], self.cov[n], float(self.score[n]),
+                     str(n + 1) if np.isfinite(self.state[n]).all() else '')
+            for n in np.flatnonzero(self.score > 0.0)
+        ]
+
+
+class Detector(Protocol):
+    """
+    The interface of every detector.
+
+    ``threshold`` is the log of what its test statistic is compared with [nat]; calibration
+    moves it alone, :meth:`nominal` returns the detector as its test is designed.
+    ``feedback`` says whether the threshold acts on the memory (a declaration closes a
+    path), so that calibration must run the detector anew for every threshold.
+    ``local`` says whether the statistic is a maximum over cells, so that large frames may be
+    calibrated from parts of them.
+    ``frames_per_declaration`` is the number of frames that successive declarations of one
+    object share.
+    """
+
+    feedback: ClassVar[bool]
+    local: ClassVar[bool]
+    sensor: SensorModel
+    threshold: float
+
+    def nominal(self) -> Self:
+        """Return the detector with the thresholds of its test as designed."""
+        ...
+
+    @property
+    def frames_per_declaration(self) -> int:
+        """Frames that a declaration rests on."""
+        ...
+
+    def init(self, shape: tuple[int, ...]) -> Any:
+        """Return the memory before the first frame of shape (..., rows, cols)."""
+        ...
+
+    def step(
+        self, state: Any, frame: np.ndarray, rng: np.random.Generator,
+    ) -> tuple[Any, Declarations]:
+        """Advance by one frame (..., rows, cols); return the new memory and the declarations."""
+        ...
+
+
+def refuse_late_answers(detector: Any) -> None:
+    """Raise ValueError where a detector answers frames late: the graph answers each at once."""
+    if lag := getattr(detector, 'lag', 0):
+        raise ValueError(
+            f'{type(detector).__name__}.lag = {lag}, must be 0 in a graph, which answers every '
+            'frame before the next')

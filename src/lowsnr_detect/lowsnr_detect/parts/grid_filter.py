@@ -1,0 +1,160 @@
+"""
+The Bayes-Markov filter on a grid: the arithmetic of one step, forwards and backwards.
+
+A belief is an array ``(dropped, kept, ..., rows, cols)``: the probability of each history of
+moves (see :class:`lowsnr_detect.parts.moves.MoveModel`) and cell, leading axes of the frame
+between.
+"""
+
+from __future__ import annotations
+
+from lowsnr_detect.parts import grid_kernels
+from lowsnr_detect.parts.bands import in_bands
+from lowsnr_detect.parts.grid_kernels import BLOCK
+from lowsnr_detect.parts.moves import MoveModel
+from lowsnr_detect.parts.moves import shifted
+import numpy as np
+
+# From p_x, p_y, v_x, v_y to the order of a state.
+_ORDER = [0, 2, 1, 3]
+
+
+def move_and_weigh(
+    model: MoveModel, belief: np.ndarray, weight: np.ndarray, stays: np.ndarray,
+    born: np.ndarray, favour: np.ndarray | None = None, regions: int = 1,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """
+    Move a belief on by one frame, mix it with births, and weigh it by the frame.
+
+    Parameters
+    ----------
+    model
+        Probabilities of the moves.
+    belief : (dropped, kept, ..., rows, cols) ndarray
+        Probability of each history and cell.
+    weight : (..., rows, cols) ndarray
+        Likelihood of each cell.
+    stays : (...,) ndarray
+        Factor of what has moved.
+    born : (...,) ndarray
+        Probability that an object appears, anywhere in the frame.
+    favour : (kept, n, rows, cols) ndarray, optional
+        Factor of every move by the cell that it starts in.
+    regions
+        Sub-regions that are worked on in parallel.
+
+    Returns
+    -------
+    (dropped, kept, ..., rows, cols) ndarray
+        ``weight * (stays * moved + born)``, not normalised.
+    (...,) ndarray
+        What of the belief is still inside the frame after the move.
+    (...,) ndarray
+        Sum of what is returned first.
+
+    """
+    batch, (rows, cols) = weight.shape[:-2], weight.shape[-2:]
+    weights = weight.reshape(-1, rows, cols)
+    planes = np.ascontiguousarray(belief).reshape(*belief.shape[:2], *weights.shape)
+    share = np.outer(model.history / (rows * cols), np.broadcast_to(born, batch))
+    lives_on = np.array(np.broadcast_to(stays, batch)).ravel()
+    after = np.empty((model.history.size, *weights.shape))
+    sums = np.empty((2, len(weights), -(-rows // BLOCK), cols))
+    factor = np.empty((0, 0, 0, 0)) if favour is None else np.ascontiguousarray(favour)
+    in_bands(
+        lambda first, last: grid_kernels.move_and_weigh(
+            planes, model.kernel, model.moves, factor, weights, lives_on, share, first, last,
+            after, sums),
+        rows, regions, BLOCK)
+    inside, mass = sums.sum(axis=(2, 3)).reshape(2, *batch)
+    return after.reshape(belief.shape), inside, mass
+
+
+def expect_belief(model: MoveModel, value: np.ndarray) -> np.ndarray:
+    """
+    Return what is expected of a value after the move, by where it starts.
+
+    It is the adjoint of the move in :func:`move_and_weigh`.
+
+    Parameters
+    ----------
+    model
+        Probabilities of the moves.
+    value : (dropped, kept, ..., rows, cols) ndarray
+        Value of each history and cell after the move; zero outside the frame.
+
+    Returns
+    -------
+    (dropped, kept, ..., rows, cols) ndarray
+        Its expectation before the move.
+
+    """
+    kept, count = model.history.shape[1], len(model.moves)
+    by_move = value.swapaxes(0, 1) if kept == 1 else value
+    by_move = np.broadcast_to(by_move, (kept, count, *value.shape[2:]))
+    back = np.stack([
+        shifted(by_move[:, number], -move, 0.0) for number, move in enumerate(model.moves)],
+        axis=1)
+    expected = model.kernel.swapaxes(1, 2) @ back.reshape(kept, count, -1)
+    return expected.swapaxes(0, 1).reshape(value.shape)
+
+
+def born_belief(model: MoveModel, shape: tuple[int, ...]) -> np.ndarray:
+    """Return where an object appears, (dropped, kept, 1, ..., 1): alike in every cell."""
+    rows, cols = shape[-2:]
+    share = model.history / (rows * cols)
+    return share.reshape(*share.shape, *[1] * len(shape))
+
+
+def over_runs(planes: np.ndarray, axes: int) -> np.ndarray:
+    """Give (a, b, rows, cols) so many axes of runs before the rows."""
+    return planes.reshape(*planes.shape[:2], *[1] * axes, *planes.shape[2:])
+
+
+def total(belief: np.ndarray) -> np.ndarray:
+    """Return the sum over histories and cells, (...,)."""
+    return belief.sum(axis=(0, 1, -2, -1))
+
+
+def cell_moments(
+    belief: np.ndarray, model: MoveModel, cell_size_m: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return mean and covariance of the state of a normalised belief.
+
+    Parameters
+    ----------
+    belief : (dropped, kept, ..., rows, cols) ndarray
+        Probability of each history and cell, with sum one.
+    model
+        Velocity that each history stands for.
+    cell_size_m
+        Side of a cell [m].
+
+    Returns
+    -------
+    (..., 4) ndarray
+        Mean ``[p_x, v_x, p_y, v_y]`` [m, m/s].
+    (..., 4, 4) ndarray
+        Covariance; within a cell the position is uniform and independent of the velocity.
+
+    """
+    count, (rows, cols) = model.history.size, belief.shape[-2:]
+    joint = np.moveaxis(belief.reshape(count, *belief.shape[2:]), 0, -3)
+    x, y = cell_size_m * np.arange(cols), cell_size_m * np.arange(rows)
+    velocity = model.velocity.reshape(count, 2)
+    by_cell, by_col, by_row = joint.sum(axis=-3), joint.sum(axis=-2), joint.sum(axis=-1)
+    by_history = by_row.sum(axis=-1)
+    between = np.stack([by_col @ x, by_row @ y], axis=-1)
+    mean = np.concatenate([between.sum(axis=-2), by_history @ velocity], axis=-1)
+    cross = between.swapaxes(-1, -2) @ velocity
+    squares = velocity[:, :, None] * velocity[:, None, :] + model.velocity_cov.reshape(-1, 2, 2)
+    product = (by_cell @ x) @ y
+    places = np.stack([
+        by_col.sum(axis=-2) @ x**2, product, product, by_row.sum(axis=-2) @ y**2], axis=-1)
+    second = np.block([
+        [places.reshape(*product.shape, 2, 2), cross],
+        [cross.swapaxes(-1, -2), np.einsum('...h,hij->...ij', by_history, squares)]])
+    cov = second - mean[..., :, None] * mean[..., None, :]
+    cov[..., :2, :2] += cell_size_m**2 / 12.0 * np.eye(2)
+    return mean[..., _ORDER], cov[..., _ORDER, :][..., _ORDER]

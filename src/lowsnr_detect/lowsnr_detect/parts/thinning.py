@@ -1,0 +1,132 @@
+"""From cells that crossed a threshold to a few declarations: one for each object."""
+
+from __future__ import annotations
+
+import functools
+import math
+
+from lowsnr_common.core.motion import POS
+from lowsnr_detect.parts.detector import Declarations
+from lowsnr_detect.parts.wald_bounds import floor32
+import numpy as np
+
+
+def declare_cells(
+    excess: np.ndarray, peak: np.ndarray, *, reach: int, most: int, cell_size_m: float,
+    position_std_m: float,
+) -> Declarations:
+    """
+    Thin crossing cells, strongest first, and make declarations of what is left.
+
+    A path or a point spread makes neighbouring cells cross together.  The strongest cell
+    is kept and takes with it all others within ``reach`` cells, then the next strongest.
+
+    Parameters
+    ----------
+    excess : (..., rows, cols) ndarray
+        How far each cell's log-likelihood ratio lies above the log threshold [nat];
+        -inf where the cell did not cross.
+    peak : (...,) ndarray
+        Largest value of the test statistic [nat], passed on.
+    reach
+        Cells on each side that a declaration suppresses.
+    most
+        Largest number D of declarations in a frame.
+    cell_size_m
+        Side of a cell [m].
+    position_std_m
+        Standard deviation of a declared position per axis [m].
+
+    Returns
+    -------
+    Declarations
+        Scores are ``L / (L + th)``: the posterior probability at the prior odds for which
+        the threshold is the Bayes test, so 1/2 at the threshold.
+
+    """
+    crossed = np.flatnonzero(excess > -np.inf)
+    return _thinned(
+        crossed, excess.ravel()[crossed], excess.shape, peak, reach, most, cell_size_m,
+        position_std_m)
+
+
+def declare_above(
+    plane: np.ndarray, threshold: float, *, reach: int, most: int, cell_size_m: float,
+    position_std_m: float, row_peaks: np.ndarray | None = None,
+) -> Declarations:
+    """
+    Declare the cells of a plane above a threshold, thinned as by :func:`declare_cells`.
+
+    Parameters
+    ----------
+    plane : (..., rows, cols) ndarray of float32
+        Test statistic of each cell [nat].
+    threshold
+        What it is compared with [nat].
+    reach, most, cell_size_m, position_std_m
+        As for :func:`declare_cells`.
+    row_peaks : (..., rows) ndarray of float32, optional
+        Largest of each row, where that is known; no other rows of the plane are then looked at
+        than those where it is above the threshold.
+
+    """
+    if row_peaks is None:
+        row_peaks = plane.max(axis=-1)
+    peak = np.maximum.reduce(row_peaks, axis=-1, dtype=float)
+    if not np.count_nonzero(peak > threshold):
+        return Declarations(peak, *_empty_slots(plane.shape[:-2], most))
+    bound = floor32(threshold)
+    rows = np.flatnonzero(row_peaks > bound)
+    found = plane.reshape(-1, plane.shape[-1])[rows]
+    row, col = np.nonzero(found > bound)
+    return _thinned(
+        rows[row] * plane.shape[-1] + col, found[row, col].astype(float) - threshold, plane.shape,
+        peak, reach, most, cell_size_m, position_std_m)
+
+
+@functools.lru_cache(maxsize=8)
+def _empty_slots(
+    batch: tuple[int, ...], most: int,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return score, state and covariance of no declarations, which all frames may share."""
+    slots = (
+        np.zeros((*batch, most)), np.full((*batch, most, 4), np.nan),
+        np.full((*batch, most, 4, 4), np.nan))
+    for each in slots:
+        each.setflags(write=False)
+    return slots
+
+
+def _thinned(
+    crossed: np.ndarray, excess: np.ndarray, shape: tuple[int, ...], peak: np.ndarray, reach: int,
+    most: int, cell_size_m: float, position_std_m: float,
+) -> Declarations:
+    """Declare of the cells ``crossed`` (n,) of planes of a shape the strongest, one by one."""
+    batch, (rows, cols) = shape[:-2], shape[-2:]
+    runs = math.prod(batch)
+    run, cell = np.divmod(crossed, rows * cols)
+    order = np.lexsort((-excess, run))
+    run, (row, col), value = run[order], np.divmod(cell[order], cols), excess[order]
+    score = np.zeros((runs, most))
+    state = np.full((runs, most, 4), np.nan)
+    for slot in range(most):
+        if run.size == 0:
+            break
+        first = np.flatnonzero(np.diff(run, prepend=-1))
+        kept = run[first]
+        score[kept, slot] = 1.0 / (1.0 + np.exp(-np.minimum(value[first], 700.0)))
+        state[kept[:, None], slot, POS] = cell_size_m * np.stack([col[first], row[first]], -1)
+        owner = first[np.searchsorted(kept, run)]
+        far = np.maximum(abs(row - row[owner]), abs(col - col[owner])) > reach
+        run, row, col, value = run[far], row[far], col[far], value[far]
+    cov = np.full((*state.shape, 4), np.nan)
+    cov[score > 0.0] = _position_cov(position_std_m)
+    return Declarations(
+        peak, score.reshape(*batch, most), state.reshape(*batch, most, 4),
+        cov.reshape(*batch, most, 4, 4))
+
+
+def _position_cov(std: float) -> np.ndarray:
+    cov = np.full((4, 4), np.nan)
+    cov[np.ix_(POS, POS)] = std**2 * np.eye(2)
+    return cov

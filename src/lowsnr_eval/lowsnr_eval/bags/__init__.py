@@ -1,1 +1,0 @@
-"""Recorded runs and real frames: bags written, read, repaired, replayed, and made of files."""

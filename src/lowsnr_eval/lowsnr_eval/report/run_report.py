@@ -1,0 +1,128 @@
+"""The report of one run of the node graph: the frames played back, and the curves below."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+import csv
+from itertools import product
+import json
+from pathlib import Path
+
+from lowsnr_bringup.run.results_folder import FRAMES_FILE
+from lowsnr_bringup.run.results_folder import PARAMETERS_FILE
+from lowsnr_common.settings.text import one_line
+from lowsnr_eval.report import figures
+from lowsnr_eval.report import html_page as pages
+from lowsnr_eval.report.animation import player
+from lowsnr_eval.report.animation import SCRIPT
+from lowsnr_eval.report.html_page import Markup
+from lowsnr_eval.report.table import format_table
+from lowsnr_eval.scoring.results import SUMMARY_FILE
+from lowsnr_eval.scoring.scene import read_scene
+from lowsnr_eval.scoring.scene import SCENE_FILE
+import numpy as np
+
+REPORT_FILE = 'report.html'
+# More dots than these are a grey cloud and a large file.
+_MOST_DOTS = 250
+# Lines may be missing; but what is as long as a number says must not be beyond all memory.
+_MOST_FRAMES_A_LINE = 1000
+# What results that are not those of a run may raise.
+_DAMAGED = (
+    OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, MemoryError,
+    RecursionError, csv.Error)
+_MEASURES = ('hits', 'rmse_position_m', 'rmse_velocity_mps', 'gospa_m')
+
+
+def write_run_report(folder: Path, command: str) -> Path:
+    """
+    Write ``report.html`` into the results folder of a run.
+
+    Parameters
+    ----------
+    folder
+        Folder with ``summary.json`` and ``frames.csv``, and, for the animation, with what
+        :class:`lowsnr_eval.scoring.scene.SceneWriter` keeps.
+    command
+        How to run again.
+
+    Returns
+    -------
+    Path
+        The report.
+
+    Raises
+    ------
+    ValueError
+        One line, if what the folder holds is damaged.
+
+    """
+    try:
+        page = _page(folder, command)
+    except _DAMAGED as error:
+        raise ValueError(f'{folder}: holds no results that can be shown: '
+                         f'{type(error).__name__} {one_line(error)}') from None
+    path = folder / REPORT_FILE
+    path.write_text(page, encoding='utf-8', errors='replace')
+    return path
+
+
+def _page(folder: Path, command: str) -> str:
+    summary = json.loads((folder / SUMMARY_FILE).read_text(encoding='utf-8'))
+    sections, script = [], ''
+    if (folder / SCENE_FILE).is_file():
+        lines, frames = read_scene(folder)
+        if any(frame is not None for frame in frames):
+            scored = summary['frames']['scored'] + summary['frames']['unanswered']
+            sections.append(pages.section('Frames', player(lines, frames, scored)))
+            script = SCRIPT
+    sections += [
+        pages.section('Figures', pages.preformatted(format_table(summary))),
+        pages.section('Frame by frame', _curves(folder, list(summary['detectors']))),
+        pages.section('How to run again', pages.preformatted(command), pages.versions())]
+    if (folder / PARAMETERS_FILE).is_file():
+        text = (folder / PARAMETERS_FILE).read_text(encoding='utf-8')
+        sections.append(pages.section(
+            'Parameters', pages.folded(PARAMETERS_FILE, pages.preformatted(text))))
+    title = f'{summary["scenario"]}: {", ".join(summary["detectors"])}'
+    return pages.page(title, sections, script)
+
+
+def _curves(folder: Path, names: list[str]) -> Markup:
+    """Draw what ``frames.csv`` holds, for detections and tracks of every chain."""
+    read: dict[tuple[str, str, str], dict[int, float]] = defaultdict(dict)
+    present, count = set(), 0
+    with (folder / FRAMES_FILE).open(encoding='utf-8', newline='') as file:
+        reader = csv.DictReader(file)
+        for row in reader:
+            count = int(row['frame'])
+            if not 0 < count <= _MOST_FRAMES_A_LINE * reader.line_num:
+                raise ValueError(f'{FRAMES_FILE}: line {reader.line_num}: frame {count}')
+            if int(row['objects'] or 0):
+                present.add(count)
+            for measure in _MEASURES:
+                if row[measure] and (measure != 'hits' or count in present):
+                    read[row['detector'], row['level'], measure][count] = float(row[measure])
+    if not count:
+        return Markup('<p>No frame was scored.</p>')
+    width = -(-count // _MOST_DOTS)
+    curves = {key: _means(read[key], count, width)
+              for key in product(names, ('detection', 'tracking'), _MEASURES)}
+    shaded = sorted(present) if width == 1 else ()
+    caption = ('The shaded frames hold an object.' if width == 1
+               else f'Each dot is the mean of {width} frames.')
+    return pages.picture(
+        figures.render(figures.single_run(names, _MEASURES, curves, shaded))[0], caption)
+
+
+def _means(values: dict[int, float], count: int, width: int) -> np.ndarray:
+    """Return values by frame as a curve, (count,); of more than one frame the mean, in one."""
+    curve = np.full(-(-count // width) * width, np.nan)
+    curve[np.array(list(values), dtype=int) - 1] = list(values.values())
+    blocks = curve.reshape(-1, width)
+    known = np.isfinite(blocks)
+    total, number = np.where(known, blocks, 0.0).sum(axis=1), known.sum(axis=1)
+    means = np.full_like(blocks, np.nan)
+    means[:, width // 2] = np.divide(
+        total, number, out=np.full(len(blocks), np.nan), where=number > 0)
+    return means.ravel()[:count]

@@ -1,0 +1,146 @@
+"""Write what came out of a study: summary, curves, figures and the report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from collections.abc import Mapping
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from lowsnr_common.settings.config import flat_values
+from lowsnr_eval.report import html_page as pages
+from lowsnr_eval.report.claims_table import claims_html
+from lowsnr_eval.report.html_page import Markup
+from lowsnr_eval.report.study_figures import Plan
+from lowsnr_eval.report.study_figures import plan_figures
+from lowsnr_eval.study import study_results as tables
+from lowsnr_eval.study.study_folder import code_digest
+from lowsnr_eval.study.study_results import Outcome
+
+REPORT_FILE = 'report.html'
+_POINT_COLUMNS = (
+    'detector', 'snr_db', 'operating_point', 'level', 'pd', 'pfa_per_frame', 'rmse_position_m',
+    'rmse_velocity_mps', 'gospa_m', 'runs')
+_LEGEND = (
+    'P_D: share of the frames with the object in which it was hit within the gate. P_FA: share '
+    'of the frames of runs without the object that hold any declaration, first of the side '
+    'that the claim puts first. Effects are differences of P_D, or of RMSE (the other side '
+    'less the first), with a 95 % interval by paired bootstrap over runs; a verdict follows '
+    'where the interval does not hold zero and at least 10 runs of both sides have such frames, '
+    'or hits; "3 of 500 runs" says that only 3 have. The first line of a claim decides it.')
+_POINTS_NOTE = (
+    'nominal: the thresholds of the test as designed. matched: thresholds calibrated so that '
+    'the same share of empty frames holds a declaration; only these compare detectors fairly. '
+    'Tracks are those of the tracker with its shipped settings, at both. P_FA before, during '
+    'and after the object differ: the table counts the frames of these runs without the '
+    'object, also those just after it has gone.')
+# Draws the figures of a plan: name -> SVG and PNG.
+Drawer = Callable[[Plan], Mapping[str, tuple[str, bytes]]]
+
+
+def write_study(
+    outcome: Outcome, thresholds: Mapping[str, Any], folder: Path, command: str,
+    drawer: Drawer,
+) -> list[dict[str, Any]]:
+    """
+    Write ``summary.json``, ``curves.csv``, ``timing.json``, figures and ``report.html``.
+
+    Parameters
+    ----------
+    outcome
+        What came out, whole or in part.
+    thresholds
+        Matched thresholds by case and method [nat].
+    folder
+        Results folder.
+    command
+        How to run the study again.
+    drawer
+        What draws the figures, here or elsewhere.
+
+    Returns
+    -------
+    list of dict
+        The claims with their verdicts.
+
+    """
+    summary = tables.summary(outcome, thresholds)
+    tables.write_json(summary, folder / 'summary.json')
+    tables.write_curves(outcome, folder / 'curves.csv')
+    costs = tables.costs(outcome)
+    times = {name: {'detector_ms': 1e3 * detector, 'tracker_ms': 1e3 * tracker}
+             for name, (detector, tracker) in tables.median_times(outcome).items()}
+    tables.write_json({'claims': costs, 'chains': times}, folder / 'timing.json')
+    plan = plan_figures(outcome)
+    drawn = drawer(plan)
+    (folder / 'figures').mkdir(exist_ok=True)
+    for name, (svg, png) in drawn.items():
+        (folder / 'figures' / f'{name}.svg').write_text(svg, encoding='utf-8')
+        (folder / 'figures' / f'{name}.png').write_bytes(png)
+    pictures = [pages.picture(drawn[name][0], caption) for name, (caption, _) in plan.items()]
+    rows = [*summary['claims'], *costs]
+    text = _report(outcome, summary, rows, times, pictures, command)
+    (folder / REPORT_FILE).write_text(text, encoding='utf-8')
+    return rows
+
+
+def _report(
+    outcome: Outcome, summary: Mapping[str, Any], claims: Sequence[Mapping[str, Any]],
+    times: Mapping[str, Any], pictures: list[Markup], command: str,
+) -> str:
+    study = outcome.study
+    description = study.cases[0].scenario.description
+    done = f'{summary["runs_done"]} of {study.options.runs} runs'
+    return pages.page(f'Example {study.example.number}: {study.example.title}', [
+        pages.section(
+            'What this is', f'{description[:1].upper()}{description[1:]}.',
+            f'{done} at {", ".join(f"{snr:g} dB" for snr in study.snrs_db)}, seed '
+            f'{study.options.seed}. Methods beyond the comparisons of the paper take part in '
+            f'the first {study.options.few_runs} runs.'),
+        pages.section("The paper's claims", claims_html(claims), _LEGEND),
+        pages.section('Figures of merit', _points_table(summary), _POINTS_NOTE),
+        pages.section('Figures', *pictures),
+        pages.section(
+            'Time', _times_table(times),
+            'CPU time of one core; it is the only thing here that differs from run to run of '
+            'the same seed.'),
+        pages.section('How to run again', pages.preformatted(command), pages.versions(),
+                      f'Digest of the code that the numbers come from: {code_digest()}.'),
+        pages.section('Settings', *_settings(outcome), _thresholds(summary))])
+
+
+def _points_table(summary: Mapping[str, Any]) -> Markup:
+    headers = ('detector', 'SNR [dB]', 'operating point', 'level', 'P_D', 'P_FA per frame',
+               'P_FA without object', 'RMSE position [m]', 'RMSE velocity [m/s]', 'GOSPA [m]',
+               'runs')
+    return pages.table(headers, [
+        [row[key] for key in _POINT_COLUMNS[:6]]
+        + [row.get('empty_runs', {}).get('pfa_per_frame')]
+        + [row[key] for key in _POINT_COLUMNS[6:]]
+        for row in summary['points']])
+
+
+def _times_table(times: Mapping[str, Any]) -> Markup:
+    return pages.table(('chain', 'detector [ms a frame]', 'tracker [ms a frame]'), [
+        (name, time['detector_ms'], time['tracker_ms']) for name, time in times.items()])
+
+
+def _settings(outcome: Outcome) -> list[Markup]:
+    case = outcome.study.cases[0]
+    parts = [pages.folded(f'{method.label} ({case.snr_db:g} dB)', _values(method.detector))
+             for method in case.methods]
+    return [*parts, pages.folded('tracker', _values(case.methods[0].tracker)),
+            pages.folded('evaluation', _values(case.evaluation))]
+
+
+def _thresholds(summary: Mapping[str, Any]) -> Markup:
+    rows = [(case, label, value) for case, by_label in summary['thresholds_nat'].items()
+            for label, value in by_label.items()]
+    return pages.folded('matched thresholds [nat]', pages.table(
+        ('case', 'detector', 'threshold [nat]'), rows))
+
+
+def _values(settings: Any) -> Markup:
+    return pages.table(('setting', 'value'), [
+        (key, str(value)) for key, value in flat_values(settings).items()])

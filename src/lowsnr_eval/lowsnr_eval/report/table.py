@@ -1,0 +1,103 @@
+"""The table of a run that a person reads, made of what ``summary.json`` holds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+_LEVELS = ('detection', 'tracking')
+_HEADERS = (
+    ('', '', 'P_D', 'P_FA per frame', 'false', 'first hit', 'RMSE', 'RMSE', 'GOSPA'),
+    ('detector', 'level', 'per object', 'without object', 'alarms', '[frames]', '[m]', '[m/s]',
+     '[m]'),
+)
+_LEGEND = """
+P_D: share of the objects present that were hit within {gate:g} cells.
+P_FA: share of the frames without object that hold any declaration.
+false alarms: declarations that hit nothing, in all frames; first hit: after its appearance.
+[ , ]: Wilson 95 % interval; -: no such figure.
+"""
+
+
+def format_table(summary: Mapping[str, Any]) -> str:
+    """
+    Return the figures of a run as aligned text.
+
+    Parameters
+    ----------
+    summary
+        As :func:`lowsnr_eval.scoring.results.summarize` returns it or ``summary.json`` holds it.
+
+    Returns
+    -------
+    str
+        Lines without a newline at the end.
+
+    """
+    frames, detectors = summary['frames'], summary['detectors']
+    title = (
+        f'{summary["scenario"]}, seed {summary["seed"]}: {frames["published"]} frames '
+        f'published, {frames["scored"]} scored, {frames["unanswered"]} unanswered'
+        + (f', {frames["unseen"]} unseen' if frames['unseen'] else ''))
+    if summary['restarts']:
+        title += '\nstarted again: ' + ', '.join(
+            f'{name} {count} x' for name, count in summary['restarts'].items())
+    rows = [
+        _row(name, level, figures[level])
+        for name, figures in detectors.items() for level in _LEVELS]
+    legend = _LEGEND.format(gate=summary['evaluation']['gate_cells'])
+    notes = [_note(name, figures) for name, figures in detectors.items()]
+    return '\n'.join([title, '', *_align([*_HEADERS, *rows]), legend, *notes])
+
+
+def _row(name: str, level: str, figures: Mapping[str, Any]) -> tuple[str, ...]:
+    scored = (figures['frames_with_object'] or 0) + (figures['frames_without_object'] or 0) > 0
+    return (
+        name, level,
+        _share(figures['pd'], figures['pd_interval'], 2),
+        _share(figures['pfa_per_frame'], figures['pfa_interval'], 3),
+        str(figures['false_alarms']) if scored else '-',
+        _number(figures['first_detection_latency_frames'], 1),
+        _number(figures['rmse_position_m'], 2),
+        _number(figures['rmse_velocity_mps'], 2),
+        _number(figures['gospa_m'], 2),
+    )
+
+
+def _note(name: str, figures: Mapping[str, Any]) -> str:
+    """Say what the figures of a chain rest on, and how long an answer took."""
+    counts, latency = figures['tracking'], figures['latency_ms']
+    seen = (
+        f'{counts["frames_with_object"]} frames with object, '
+        f'{counts["frames_without_object"]} frames without object')
+    if counts['frames_with_object'] is None:
+        seen = (f'{counts["frames_without_truth"]} frames without truth, in which '
+                f'{figures["detection"]["declared"]} detections and {counts["declared"]} tracks '
+                'were declared')
+    detected = figures['detection_latency_ms']['median']
+    return (
+        f'{name}: {seen}\n{name}: frame to detections {_number(detected, 1)} ms (median), to '
+        f'tracks {_number(latency["median"], 1)} ms (median), {_number(latency["p99"], 1)} ms '
+        '(99 %)')
+
+
+def _share(value: float | None, interval: list[float] | None, digits: int) -> str:
+    if value is None or interval is None:
+        return '-'
+    low, high = interval
+    return f'{value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]'
+
+
+def _number(value: float | None, digits: int) -> str:
+    return '-' if value is None else f'{value:.{digits}f}'
+
+
+def _align(rows: list[tuple[str, ...]]) -> list[str]:
+    """Pad columns to their widest cell: names to the left, figures to the right."""
+    widths = [max(map(len, column)) for column in zip(*rows)]
+    return [
+        '  '.join(
+            cell.ljust(width) if n < 2 else cell.rjust(width)
+            for n, (cell, width) in enumerate(zip(row, widths))).rstrip()
+        for row in rows
+    ]

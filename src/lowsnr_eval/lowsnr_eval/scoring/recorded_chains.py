@@ -1,0 +1,127 @@
+"""Which chains a bag holds, and how they are scored."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from lowsnr_bringup.bags.reader import Bag
+from lowsnr_bringup.bags.recorded_run import check_type
+from lowsnr_bringup.bags.recorded_run import recorded_parameters
+from lowsnr_bringup.bags.recorded_run import told_frames_topic
+from lowsnr_bringup.bags.replaying import ARRAY
+from lowsnr_bringup.plan import graph
+from lowsnr_common.settings.node_settings import Evaluation
+from lowsnr_common.settings.node_settings import NodeSettings
+from lowsnr_common.settings.node_settings import RunSettings
+from lowsnr_common.settings.text import one_line
+from lowsnr_eval.scoring.run_scoring import TRUTH
+
+_LEVELS = ('detections', 'tracks')
+
+
+@dataclass(frozen=True)
+class RecordedChains:
+    """
+    What is scored of a bag.
+
+    ``names`` has the name that scoring knows a topic by for that of the bag; ``frames_topic`` is
+    the bag's, whether it has it or not.
+    """
+
+    run: RunSettings
+    evaluation: Evaluation
+    seed: int
+    names: Mapping[str, str]
+    frames_topic: str
+
+
+def find_chains(
+    bag: Bag, config: Mapping[str, Mapping[str, Any]],
+    frames_topic: str | None = None, truth_topic: str | None = None,
+) -> RecordedChains:
+    """
+    Find what can be scored in a bag.
+
+    Parameters
+    ----------
+    bag
+        The bag, open.
+    config
+        The configuration, where the bag does not tell how its run was scored.
+    frames_topic, truth_topic
+        Their names in the bag; None for those of the run it is of.
+
+    Raises
+    ------
+    ValueError
+        One line, if the bag has neither detections nor tracks, or not the truth asked for.
+
+    """
+    spaces = _namespaces(bag)
+    told = recorded_parameters(bag)
+    evaluator = told.get('/evaluator', {})
+    prefix = graph.CONDITIONED if '/conditioner' in told else '/'
+    if truth_topic is not None:
+        check_type(bag, truth_topic, ARRAY, '--truth-topic')
+    truth_topic = truth_topic or f'{prefix}{TRUTH}'
+    truth = bag.topics.get(truth_topic) == ARRAY
+    if not truth and not any(bag.topics.get(f'{space}/{_LEVELS[0]}') == ARRAY for space in spaces):
+        raise ValueError(f'{bag.path}: has neither truth nor detections')
+    for cls in (NodeSettings, RunSettings):
+        graph.build(cls, evaluator, f'{bag.path}: evaluator')
+    names = _names(spaces, dict(zip(_spaces_of(evaluator), evaluator.get('detectors', ()))))
+    run, evaluation = _settings(bag, config, evaluator, names, truth)
+    topics = {f'{space}/{level}': f'{name}/{level}' if len(spaces) > 1 else level
+              for space, name in names.items() for level in _LEVELS}
+    if truth:
+        topics[truth_topic] = TRUTH
+    return RecordedChains(
+        run, evaluation, evaluator.get('seed', 0),
+        {own: topic for own, topic in topics.items() if bag.topics.get(own) == ARRAY},
+        frames_topic or (
+            f'{prefix}image_raw' if prefix != '/' else told_frames_topic(bag, told)))
+
+
+def _namespaces(bag: Bag) -> list[str]:
+    """Return the namespaces of the chains, in the order of their names."""
+    spaces = sorted({
+        name.removesuffix(f'/{level}') for name, kind in bag.topics.items() for level in _LEVELS
+        if kind == ARRAY and name.endswith(f'/{level}')})
+    if not spaces:
+        raise ValueError(f'{bag.path}: has neither detections nor tracks of type {ARRAY}')
+    return spaces
+
+
+def _names(spaces: Sequence[str], known: Mapping[str, str]) -> dict[str, str]:
+    """Return a name for each namespace, the one that its chain is known by; no two alike."""
+    names: dict[str, str] = {}
+    for space in spaces:
+        wanted = name = known.get(space) or space.strip('/').replace('/', '.') or 'recorded'
+        while name in names.values():
+            name = f'{wanted}-{len(names) + 1}'
+        names[space] = name
+    return names
+
+
+def _spaces_of(evaluator: Mapping[str, Any]) -> list[str]:
+    """Return the namespaces of the chains of the run that a bag is of."""
+    detectors = evaluator.get('detectors', ())
+    return [f'/{name}' if evaluator.get('namespaces') else '' for name in detectors]
+
+
+def _settings(
+    bag: Bag, config: Mapping[str, Mapping[str, Any]], evaluator: Mapping[str, Any],
+    names: Mapping[str, str], truth: bool,
+) -> tuple[RunSettings, Evaluation]:
+    node = graph.Node('evaluator', '')
+    points = dict(zip(evaluator.get('detectors', ()), evaluator.get('operating_points', ())))
+    values = graph.parameters([node], config)[node.path] | dict(evaluator) | {
+        'truth': truth, 'namespaces': len(names) > 1,
+        'scenario': one_line(evaluator.get('scenario') or bag.path.resolve().stem),
+        'detectors': list(names.values()),
+        'operating_points': [points.get(name, 'unknown') for name in names.values()]}
+    label = f'{bag.path}: evaluator'
+    return (graph.build(RunSettings, values, label), graph.build(Evaluation, values, label))

@@ -1,0 +1,188 @@
+"""What came out of a study: the runs of every chain together, and the tables made of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from collections.abc import Mapping
+import csv
+from dataclasses import dataclass
+from dataclasses import field
+import json
+from pathlib import Path
+from typing import Any
+
+from lowsnr_eval.study.measures import CURVES
+from lowsnr_eval.study.measures import frame_curves
+from lowsnr_eval.study.measures import point_figures
+from lowsnr_eval.study.run_scores import RunScores
+from lowsnr_eval.study.study import EMPTY
+from lowsnr_eval.study.study import OBJECT
+from lowsnr_eval.study.study import POINTS
+from lowsnr_eval.study.study import ROC_OFFSETS
+from lowsnr_eval.study.study import roc_point
+from lowsnr_eval.study.study import Study
+from lowsnr_eval.study.study import SWEEP
+from lowsnr_eval.study.study_folder import Results
+from lowsnr_eval.study.verdicts import judge
+from lowsnr_eval.study.verdicts import judge_cost
+import numpy as np
+
+SCHEMA = 1
+LEVELS = ('detection', 'tracking')
+Key = tuple[str, str, str]
+
+
+@dataclass
+class Outcome:
+    """
+    The scores of a study.
+
+    ``scores`` are by case name and then by (label, operating point, level), ``times_s`` by
+    label and operating point: (blocks, 2) CPU times of a frame for detector and tracker [s].
+    """
+
+    study: Study
+    scores: dict[str, dict[Key, RunScores]] = field(default_factory=dict)
+    times_s: dict[tuple[str, str], np.ndarray] = field(default_factory=dict)
+
+    def of(self, kind: str, snr_db: float) -> Mapping[Key, RunScores]:
+        """Return the scores of a case; nothing where it was not run."""
+        return self.scores.get(f'{kind}{snr_db:g}dB', {})
+
+    @property
+    def runs_done(self) -> int:
+        """Return the number of runs that are finished at every SNR."""
+        return min((max(map(len, self.of(OBJECT, snr).values()), default=0)
+                    for snr in self.study.snrs_db), default=0)
+
+
+def gather(study: Study, blocks: Iterable[tuple[str, Results | None]]) -> Outcome:
+    """
+    Join the blocks of a study.
+
+    Parameters
+    ----------
+    study
+        The study.
+    blocks
+        Name and results of each block in order; None for one that is not finished.
+
+    """
+    parts: dict[str, dict[Key, list[RunScores]]] = {}
+    times: dict[tuple[str, str], list[tuple[float, float]]] = {}
+    for name, results in blocks:
+        case = parts.setdefault(name.rpartition('-')[0], {})
+        for (label, point), result in (results or {}).items():
+            case.setdefault((label, point, 'detection'), []).append(result.detection)
+            if result.tracking is not None and len(result.tracking):
+                case.setdefault((label, point, 'tracking'), []).append(result.tracking)
+            if name.startswith(OBJECT) and point in POINTS:
+                times.setdefault((label, point), []).append(
+                    (result.detector_s, result.tracker_s))
+    joined = {
+        case: {key: RunScores.join(found) for key, found in by_key.items()}
+        for case, by_key in parts.items()}
+    return Outcome(study, joined, {key: np.array(found) for key, found in times.items()})
+
+
+def median_times(outcome: Outcome) -> dict[str, tuple[float, float]]:
+    """Return the CPU time of a frame for detector and tracker of each chain [s]."""
+    medians = {key: np.median(found, axis=0) for key, found in outcome.times_s.items()}
+    return {f'{label}/{point}': (float(own), float(tracker))
+            for (label, point), (own, tracker) in medians.items()}
+
+
+def points(outcome: Outcome) -> list[dict[str, Any]]:
+    """Return the figures of every chain, SNR and level, with those of its empty runs."""
+    rows = []
+    for snr_db in outcome.study.snrs_db:
+        quiet = outcome.of(EMPTY, snr_db)
+        for (label, point, level), scores in outcome.of(OBJECT, snr_db).items():
+            if point not in POINTS:
+                continue
+            row = {
+                'detector': label, 'snr_db': snr_db, 'operating_point': point, 'level': level,
+                **point_figures(scores), 'runs': len(scores),
+                'seed': outcome.study.options.seed}
+            if (label, point, level) in quiet:
+                empty = point_figures(quiet[label, point, level])
+                row['empty_runs'] = {
+                    key: empty[key] for key in (
+                        'pfa_per_frame', 'pfa_interval', 'false_alarms_per_frame')}
+                row['empty_runs']['runs'] = len(quiet[label, point, level])
+            rows.append(row)
+    return rows
+
+
+def claims(outcome: Outcome) -> list[dict[str, Any]]:
+    """Return the verdicts on the claims of the example."""
+    study = outcome.study
+    return [row for snr_db in study.snrs_db for row in judge(
+        study.example.number, snr_db, outcome.of(OBJECT, snr_db), outcome.of(EMPTY, snr_db),
+        POINTS, study.options.seed)]
+
+
+def costs(outcome: Outcome) -> list[dict[str, Any]]:
+    """Return the verdict on the claim on CPU time, which no seed makes the same."""
+    study = outcome.study
+    return judge_cost(
+        outcome.times_s, POINTS, study.snrs_db[0], outcome.runs_done, study.options.seed)
+
+
+def roc(outcome: Outcome, snr_db: float, label: str) -> list[tuple[float, float]]:
+    """Return P_FA per empty frame and P_D at rising thresholds, of detections."""
+    found = outcome.of(OBJECT, snr_db)
+    quiet = outcome.of(EMPTY, snr_db)
+    names = ['matched' if offset == 0.0 else roc_point(offset)
+             for offset in sorted((*ROC_OFFSETS, 0.0))]
+    keys = [(label, name, 'detection') for name in names]
+    return [
+        (float(np.mean(quiet[key].declared > 0)),
+         float(np.mean(found[key].hit[found[key].present])))
+        for key in keys if key in found and key in quiet]
+
+
+def snr_curve(outcome: Outcome, label: str, point: str) -> list[tuple[float, float]]:
+    """Return SNR and P_D of detections, at the SNRs of the study and those beyond."""
+    key, curve = (label, point, 'detection'), []
+    for case in outcome.study.cases:
+        scores = outcome.of(case.kind, case.snr_db)
+        if case.kind in (OBJECT, SWEEP) and key in scores:
+            curve.append((case.snr_db, float(np.mean(scores[key].hit[scores[key].present]))))
+    return sorted(curve)
+
+
+def write_curves(outcome: Outcome, path: Path) -> None:
+    """Write the figures of every frame as CSV; a figure that does not exist is empty."""
+    with path.open('w', encoding='utf-8', newline='') as file:
+        writer = csv.writer(file, lineterminator='\n')
+        writer.writerow([
+            'detector', 'snr_db', 'operating_point', 'level', 'frame', 'runs', 'declared',
+            *(f'{name}{end}' for name in CURVES for end in ('', '_low', '_high'))])
+        for snr_db in outcome.study.snrs_db:
+            for (label, point, level), scores in outcome.of(OBJECT, snr_db).items():
+                if point not in POINTS:
+                    continue
+                curves = frame_curves(scores)
+                table = np.vstack([curves['declared'][0], *(curves[name] for name in CURVES)])
+                for k, column in enumerate(table.T, start=1):
+                    cells = ['' if np.isnan(value) else f'{value:.6g}' for value in column]
+                    writer.writerow(
+                        [label, f'{snr_db:g}', point, level, k, len(scores), *cells])
+
+
+def summary(outcome: Outcome, thresholds: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what ``summary.json`` holds; the same for the same seed, whoever ran it."""
+    study = outcome.study
+    return {
+        'schema': SCHEMA, 'example': study.example.number, 'scenario': study.example.scenario,
+        'seed': study.options.seed, 'runs': study.options.runs,
+        'runs_done': outcome.runs_done, 'thresholds_nat': thresholds,
+        'points': points(outcome), 'claims': claims(outcome)}
+
+
+def write_json(content: Mapping[str, Any], path: Path) -> None:
+    """Write JSON; whoever reads it sees the whole of it, old or new."""
+    draft = path.with_suffix('.tmp')
+    draft.write_text(f'{json.dumps(content, indent=1, allow_nan=False)}\n', encoding='utf-8')
+    draft.replace(path)

@@ -1,0 +1,190 @@
+"""Verdicts on the paper's claims, from paired runs, at every operating point."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from lowsnr_eval.study.bootstrap import bootstrap
+from lowsnr_eval.study.bootstrap import Effect
+from lowsnr_eval.study.claims import Claim
+from lowsnr_eval.study.claims import CLAIMS
+from lowsnr_eval.study.claims import COST_CLAIM
+from lowsnr_eval.study.claims import Frames
+from lowsnr_eval.study.claims import PD
+from lowsnr_eval.study.claims import POSITION
+from lowsnr_eval.study.measures import point_figures
+from lowsnr_eval.study.run_scores import RunScores
+import numpy as np
+
+HOLDS, FAILS = 'holds', 'does not hold'
+# Fewer runs show too little of how much runs differ.
+_LEAST_RUNS = 10
+# (detector, operating point, level) -> scores, of one SNR.
+Scores = Mapping[tuple[str, str, str], RunScores]
+# (detector, operating point) -> (blocks, 2) times of detector and tracker for a frame [s].
+Times = Mapping[tuple[str, str], np.ndarray]
+
+
+def judge(
+    example: int, snr_db: float, scores: Scores, empty: Scores, points: tuple[str, ...],
+    seed: int,
+) -> list[dict[str, Any]]:
+    """
+    Judge the claims of an example at one SNR.
+
+    Parameters
+    ----------
+    example
+        Number of the example.
+    snr_db
+        SNR [dB], passed on.
+    scores
+        Runs with the object.
+    empty
+        Runs without it, for the false-alarm rates.
+    points
+        Operating points.
+    seed
+        Seed of the bootstrap.
+
+    Returns
+    -------
+    list of dict
+        One for each claim and figure; those whose methods were not run are left out.
+
+    """
+    rows = []
+    for claim in (claim for claim in CLAIMS if claim.example == example):
+        names = {claim.better, claim.worse} - {''}
+        if not all((name, points[0], 'detection') in scores for name in names):
+            continue
+        for number, (level, measure) in enumerate(claim.measures):
+            verdicts = {
+                point: _verdict(claim, level, measure, point, scores, empty, seed)
+                for point in points}
+            rows.append(_row(claim, snr_db, number, verdicts))
+    return rows
+
+
+def judge_cost(
+    times_s: Times, points: tuple[str, ...], snr_db: float, runs: int, seed: int,
+) -> list[dict[str, Any]]:
+    """Judge the claim on CPU time like :func:`judge`; nothing where it was not measured."""
+    verdicts = {}
+    for point in points:
+        both = [times_s.get((name, point)) for name in (COST_CLAIM.better, COST_CLAIM.worse)]
+        if any(side is None for side in both):
+            return []
+        spent_ms = 1e3 * np.stack([side[:, 0] for side in both if side is not None], axis=1)
+        more_ms = np.stack([spent_ms[:, 0] - spent_ms[:, 1], np.ones(len(spent_ms))], axis=1)
+        verdicts[point] = _judged(bootstrap(more_ms, _share, seed), runs, runs)
+    return [_row(COST_CLAIM, snr_db, 0, verdicts)]
+
+
+def turns(verdicts: Mapping[str, Mapping[str, Any]]) -> str | None:
+    """Say in a sentence how a verdict depends on the operating point; None if it does not."""
+    def resolved(found: Mapping[str, Any]) -> str | None:
+        return found['verdict'] if found['verdict'] in (HOLDS, FAILS) else None
+
+    if len(set(map(resolved, verdicts.values()))) < 2:
+        return None
+    words = {
+        'nominal': 'at the nominal thresholds', 'matched': 'at the same false-alarm rate'}
+    parts = [
+        f'{words.get(point, point)} it '
+        + (resolved(found) or f'is {found["verdict"]}')
+        for point, found in verdicts.items()]
+    text = ', '.join(parts)
+    return f'{text[0].upper()}{text[1:]}.'
+
+
+def compare_sides(
+    claim: Claim, measure: str, better: RunScores, worse: RunScores | None, seed: int,
+) -> Effect:
+    """
+    Return by how much the first side of a claim is better, over paired runs.
+
+    Parameters
+    ----------
+    claim
+        Frames that count, and the bound where there is no other side.
+    measure
+        ``'pd'``, ``'rmse_position_m'`` or ``'rmse_velocity_mps'``.
+    better, worse
+        Scores of the sides; those runs count that both have.
+    seed
+        Seed of the bootstrap.
+
+    """
+    own = _sums(better, measure, claim.better_frames)
+    if worse is None:
+        return bootstrap(own, lambda sums: _share(sums) - claim.bound, seed)
+    other = _sums(worse, measure, claim.worse_frames)
+    runs = min(len(own), len(other))
+    both = np.concatenate([own[:runs], other[:runs]], axis=1)
+    if measure == PD:
+        return bootstrap(both, lambda sums: _share(sums) - _share(sums[..., 2:]), seed)
+    return bootstrap(
+        both, lambda sums: np.sqrt(_share(sums[..., 2:])) - np.sqrt(_share(sums)), seed)
+
+
+def _verdict(
+    claim: Claim, level: str, measure: str, point: str, scores: Scores, empty: Scores,
+    seed: int,
+) -> dict[str, Any]:
+    better = scores[claim.better, point, level]
+    worse = scores.get((claim.worse, point, level))
+    effect = compare_sides(claim, measure, better, worse, seed)
+    counts = [_sums(scores, measure, frames)[:, 1]
+              for scores, frames in ((better, claim.better_frames), (worse, claim.worse_frames))
+              if scores is not None]
+    runs = min(map(len, counts))
+    found = _judged(effect, runs, min(int(np.count_nonzero(count[:runs])) for count in counts))
+    for side, name in (('better', claim.better), ('worse', claim.worse)):
+        quiet = empty.get((name, point, level))
+        if quiet:
+            found[f'pfa_{side}'] = point_figures(quiet)['pfa_per_frame']
+    return found
+
+
+def _judged(effect: Effect, runs: int, telling: int) -> dict[str, Any]:
+    """Return the verdict; ``telling`` runs add to the figure of the side with fewer of them."""
+    verdict = f'not resolved with {runs} runs'
+    interval = effect.interval if telling >= _LEAST_RUNS else None
+    if interval is not None:
+        low, high = interval
+        verdict = HOLDS if low > 0.0 else FAILS if high < 0.0 else verdict
+    return {
+        'verdict': verdict, 'effect': effect.value, 'interval': interval, 'runs': runs,
+        'telling_runs': telling, 'pfa_better': None, 'pfa_worse': None}
+
+
+def _row(
+    claim: Claim, snr_db: float, number: int, verdicts: Mapping[str, Mapping[str, Any]],
+) -> dict[str, Any]:
+    level, measure = claim.measures[number]
+    return {
+        'claim': claim.key, 'sentence': claim.sentence, 'example': claim.example,
+        'snr_db': snr_db, 'decides': number == 0, 'level': level, 'measure': measure,
+        'better': claim.better, 'worse': claim.worse, 'reading': claim.reading,
+        'operating_points': verdicts, 'turns': turns(verdicts)}
+
+
+def _sums(scores: RunScores, measure: str, frames: Frames) -> np.ndarray:
+    """Return what each run adds to the sum of a figure and to its number, (runs, 2)."""
+    counts = scores.present.copy()
+    if frames:
+        number = np.arange(1, counts.shape[1] + 1)
+        counts &= np.any([(number >= a) & (number <= b) for a, b in frames], axis=0)
+    if measure == PD:
+        values = scores.hit.astype(float)
+    else:
+        error = scores.position_error_m if measure == POSITION else scores.velocity_error_mps
+        values, counts = np.square(error), counts & np.isfinite(error)
+    return np.stack([np.where(counts, values, 0.0).sum(axis=1), counts.sum(axis=1)], axis=1)
+
+
+def _share(sums: np.ndarray) -> np.ndarray:
+    with np.errstate(invalid='ignore', divide='ignore'):
+        return sums[..., 0] / sums[..., 1]

@@ -1,0 +1,1 @@
+"""From the frames of a real camera to what detectors expect."""

@@ -1,0 +1,205 @@
+"""
+Real frames made into what detectors expect: noise alone, white, of standard deviation one.
+
+A real frame has a background, noise that differs from place to place, and single pixels hit
+by particles.  In turn the level of past frames is taken off, each pixel is divided by its
+noise and limited, what varies slowly over the frame is taken off, pixels are binned, and the
+noise of the result is made one.  All is causal: a frame is answered from itself and the past.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+from lowsnr_common.core.malformed import Malformed
+from lowsnr_common.settings.config import check_settings
+from lowsnr_common.settings.config import setting
+from lowsnr_sensor.conditioning.background import binned
+from lowsnr_sensor.conditioning.background import box_mean
+from lowsnr_sensor.conditioning.background import flattened
+from lowsnr_sensor.conditioning.background import frame_scale
+from lowsnr_sensor.conditioning.background import limited_square
+from lowsnr_sensor.conditioning.background import past_level
+from lowsnr_sensor.conditioning.background import past_median
+from lowsnr_sensor.conditioning.background import steepness
+import numpy as np
+
+# A frame without any noise is divided by this, not by zero.
+_LEAST = 1e-12
+# Where the noise of the pixels is at its floor, that of the cells must not undo it.
+_LEAST_CELL_NOISE = 0.8
+# Rounds in which the first estimate of the noise finds what is local in it.
+_FIRST_ROUNDS = 4
+
+
+@dataclass(frozen=True)
+class ConditionerState:
+    """
+    What is remembered from frame to frame.
+
+    Parameters
+    ----------
+    history : (n, ..., rows, cols) ndarray
+        Past frames, the newest last.
+    frames
+        Number of frames so far.
+    pixel_noise : (..., rows, cols) ndarray
+        Noise of a pixel, in units of the frame; None while not known.
+    cell_noise : (..., rows // binning, cols // binning) ndarray
+        Noise of a cell, in units of what white noise of its pixels makes it; None likewise.
+    trace : (..., rows // binning, cols // binning) ndarray
+        Sum of past cells, older ones with less weight.
+    trace_variance
+        Its variance for white noise.
+
+    """
+
+    history: np.ndarray
+    frames: int = 0
+    pixel_noise: np.ndarray | None = None
+    cell_noise: np.ndarray | None = None
+    trace: np.ndarray | float = 0.0
+    trace_variance: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConditioningSettings:
+    """How frames are conditioned."""
+
+    background_frames: int = setting(
+        31, 'past frames that the background is made of; an object must have left its place '
+        'within half of them', ge=1, le=1000)
+    warm_up_frames: int = setting(
+        5, 'frames of which the background must be made before a frame is answered with more '
+        'than zeros', ge=1, le=1000)
+    smoothing_reach: int = setting(
+        7, 'pixels on each side over which the mean is taken off, 0 for none', ge=0, le=500)
+    limit: float = setting(
+        3.5, 'standard deviations beyond which a pixel is limited, before it is binned', gt=0.0)
+    binning: int = setting(2, 'pixels on a side that make one cell', choices=(1, 2))
+    noise_reach: int = setting(
+        7, 'pixels, and cells, on each side over which the noise is estimated', ge=1, le=500)
+    noise_frames: int = setting(
+        100, 'frames over which the noise is estimated', ge=1, le=100_000)
+    noise_floor: float = setting(
+        3.0, 'least standard deviation of the noise of a pixel, in steps of an integer encoding; '
+        'a float one has no steps and no floor', ge=0.0)
+    jitter_px: float = setting(
+        0.2, 'unsteadiness of the camera: edges of the background count as so much noisier '
+        '[pixels]', ge=0.0, le=10.0)
+    persistence: float = setting(
+        0.5, 'weight from frame to frame in the sum of frames whose noise is made that of white '
+        'noise; noise that stays in place counts for more than white', ge=0.0, lt=1.0)
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+        if self.warm_up_frames > self.background_frames:
+            raise ValueError(
+                f'ConditioningSettings.warm_up_frames = {self.warm_up_frames}, must be at most '
+                f'background_frames = {self.background_frames}')
+
+    def cells(self, pixels: np.ndarray) -> np.ndarray:
+        """Return positions in cells, given in pixels; centres of both are whole numbers."""
+        return (pixels - (self.binning - 1) / 2.0) / self.binning
+
+    def size(self, shape: tuple[int, ...]) -> tuple[int, int]:
+        """Return rows and columns of the answer to frames of shape (..., rows, cols)."""
+        return shape[-2] // self.binning, shape[-1] // self.binning
+
+    def init(self, shape: tuple[int, ...]) -> ConditionerState:
+        """
+        Return the memory before the first frame of shape (..., rows, cols).
+
+        Raises
+        ------
+        ValueError
+            If the frames are too small to be binned.
+
+        """
+        if 0 in self.size(shape):
+            raise Malformed(
+                'too small', f'frame of {shape[-1]} x {shape[-2]} pixels is too small')
+        return ConditionerState(np.empty((0, *shape), dtype=np.float32))
+
+    def step(
+        self, state: ConditionerState, frame: np.ndarray,
+    ) -> tuple[ConditionerState, np.ndarray]:
+        """
+        Condition a frame.
+
+        Parameters
+        ----------
+        state
+            Memory after the frame before.
+        frame : (..., rows, cols) ndarray
+            Pixels as recorded; leading axes are independent sequences.
+
+        Returns
+        -------
+        ConditionerState
+            Memory after this frame.
+        (..., rows // binning, cols // binning) ndarray of float32
+            Cells in standard deviations of their noise; zeros while the background is not
+            known, since detectors make nothing of zeros and every frame is answered.
+
+        Raises
+        ------
+        ValueError
+            If the frame is not of the size of those before; the memory stays as it was.
+
+        """
+        past = state.history
+        if frame.shape != past.shape[1:]:
+            (rows, cols), (height, width) = frame.shape[-2:], past.shape[-2:]
+            raise Malformed(
+                'change of size',
+                f'frame of {cols} x {rows} pixels after frames of {width} x {height}')
+        newest = np.asarray(frame, dtype=np.float32)[None]
+        history = np.concatenate([past[max(0, len(past) + 1 - self.background_frames):], newest])
+        if len(past) == 0:
+            return ConditionerState(history, 1), self._nothing(frame)
+        gain = 1.0 / min(state.frames, self.noise_frames)
+        whitened, pixel_noise = self._whitened(state, frame, gain)
+        cells = binned(flattened(whitened, self.smoothing_reach), self.binning)
+        trace = self.persistence * state.trace + cells
+        variance = self.persistence**2 * state.trace_variance + 1.0
+        cell_noise = self._noise(
+            trace / math.sqrt(variance), state.cell_noise, gain, _LEAST_CELL_NOISE)
+        answer = cells / cell_noise if len(past) >= self.warm_up_frames else self._nothing(frame)
+        return ConditionerState(
+            history, state.frames + 1, pixel_noise, cell_noise, trace, variance,
+        ), answer.astype(np.float32)
+
+    def _nothing(self, frame: np.ndarray) -> np.ndarray:
+        return np.zeros((*frame.shape[:-2], *self.size(frame.shape)), dtype=np.float32)
+
+    def _whitened(
+        self, state: ConditionerState, frame: np.ndarray, gain: float,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return pixels in units of their noise, limited, and that noise without jitter."""
+        floor = self.noise_floor if np.issubdtype(frame.dtype, np.integer) else 0.0
+        floor = max(floor, _LEAST)
+        median = past_median(state.history)
+        jitter = self.jitter_px * steepness(median)
+        noise = state.pixel_noise
+        if noise is None:
+            noise = np.maximum(frame_scale(frame - median), floor)
+        level = past_level(state.history, median, np.hypot(noise, jitter))
+        residual = (frame - level) / math.sqrt(1.0 + 1.0 / len(state.history))
+        noise = self._noise(residual, state.pixel_noise, gain, floor, jitter)
+        return np.clip(residual / np.hypot(noise, jitter), -self.limit, self.limit), noise
+
+    def _noise(
+        self, residual: np.ndarray, noise: np.ndarray | None, gain: float, floor: float,
+        jitter: np.ndarray | float = 0.0,
+    ) -> np.ndarray:
+        """Return the noise after a frame, estimated over its surroundings and the past."""
+        rounds = 1
+        if noise is None:
+            noise, rounds = np.maximum(frame_scale(residual), floor), _FIRST_ROUNDS
+        for _ in range(rounds):
+            squares = noise**2 * limited_square(residual / np.hypot(noise, jitter))
+            now = box_mean(squares, self.noise_reach)
+            noise = np.maximum(np.sqrt((1.0 - gain) * noise**2 + gain * now), floor)
+        return noise

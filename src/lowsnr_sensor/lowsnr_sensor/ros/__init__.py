@@ -1,1 +1,0 @@
-"""The one edge to ROS: parameters, messages and the life of a node."""

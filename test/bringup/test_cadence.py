@@ -1,0 +1,65 @@
+"""Motion from frame to frame is the same at any cadence."""
+
+import re
+
+from lowsnr_bringup.plan import graph
+from lowsnr_bringup.plan.cadence import at_cadence
+from lowsnr_bringup.plan.cadence import POWERS
+from lowsnr_common.core.records import Estimate
+from lowsnr_common.settings.config import build_settings
+from lowsnr_common.settings.config import declared_settings
+from lowsnr_track.pda_mmpf import PdaMmpf
+import numpy as np
+import pytest
+
+PERIOD_S = 0.04
+# Settings in seconds that are not about motion: the wall clock and the cadence itself.
+OTHERS = {'answer_within_s', 'frame_period_s', 'patience_s', 'silence_s'}
+
+
+def test_every_setting_with_a_time_in_its_unit_is_known():
+    timed = set()
+    for node in graph.known_nodes():
+        for cls in graph.settings_classes(node):
+            for name, item in declared_settings(cls).items():
+                units = re.findall(r'\[([^\]]*)\]', item.doc)
+                if any(unit == 's' or '/s' in unit for unit in units):
+                    timed.add(name.rpartition('.')[2])
+    assert set(POWERS) <= timed <= set(POWERS) | OTHERS
+
+
+def test_values_and_defaults_are_scaled():
+    scaled = at_cadence(PdaMmpf, {
+        'motion.max_speed_mps': 2.0, 'motion.turn_rates_deg_s': [0.0, 10.0]}, 0.5)
+    assert scaled['motion.max_speed_mps'] == 4.0
+    assert scaled['motion.turn_rates_deg_s'] == (0.0, 20.0)
+    assert scaled['motion.acceleration_density'] == 8 * PdaMmpf().motion.acceleration_density
+    assert scaled['life.lifetime_s'] == 0.5 * PdaMmpf().life.lifetime_s
+    assert 'particles' not in scaled
+
+
+def test_tracker_follows_alike_at_any_cadence(seed):
+    """The same detections, frame for frame, give the same tracks; velocities are in its time."""
+    answers = []
+    for period_s in (1.0, PERIOD_S):
+        values = {'sensor.frame_period_s': period_s, 'rows': 30, 'cols': 40, 'particles': 200}
+        tracker = build_settings(PdaMmpf, values | at_cadence(PdaMmpf, values, period_s))
+        state, rng = tracker.init(), np.random.default_rng(seed)
+        scatter = np.random.default_rng(seed)
+        outputs = []
+        for k in range(1, 26):
+            x, y = np.array([4.0 + 0.6 * k, 20.0 - 0.3 * k]) + scatter.normal(0.0, 0.3, 2)
+            detection = Estimate(
+                np.array([x, np.nan, y, np.nan]), np.full((4, 4), np.nan), 0.95)
+            state, output = tracker.step(state, [detection], k * period_s, rng)
+            outputs.append([*output.confirmed, *output.tentative])
+        answers.append(outputs)
+    found = 0
+    for slow, fast in zip(*answers):
+        assert [item.id for item in slow] == [item.id for item in fast]
+        for one, other in zip(slow, fast):
+            per_frame = np.array([1.0, PERIOD_S, 1.0, PERIOD_S])
+            assert other.state * per_frame == pytest.approx(one.state, abs=1e-6)
+            assert other.score == pytest.approx(one.score, abs=1e-9)
+            found += 1
+    assert found >= 25
