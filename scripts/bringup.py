@@ -209,7 +209,7 @@ def run(plan: 'RunPlan', folder: Path) -> int:
     from lowsnr_eval.scoring.final_summary import sum_up
 
     patience_s = plan.parameters['/evaluator']['answer_within_s'] + 2.0
-    os.environ |= middleware_environment(os.environ, folder, plan.frame_bytes)
+    os.environ |= middleware_environment(os.environ, folder)
     supervisor = Supervisor(plan.nodes, folder, plan.frames, patience_s, plan.respawn)
     status, trouble = supervisor.run()
     try:

@@ -1,4 +1,4 @@
-"""The middleware's profile: who is let in, room for large frames, never over the user's own."""
+"""The profile of the middleware: its transport, its reach, and that a user's own comes first."""
 
 import xml.etree.ElementTree as ElementTree
 
@@ -9,9 +9,9 @@ import pytest
 SPACE = '{http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles}'
 
 
-def profile(folder, frame_bytes, **environment):
-    """Return the profile that is written for frames of this size."""
-    found = middleware_environment(environment, folder, frame_bytes)
+def profile(folder, **environment):
+    """Return the profile that is written in an environment."""
+    found = middleware_environment(environment, folder)
     assert found == {
         'FASTRTPS_DEFAULT_PROFILES_FILE': str(folder / PROFILE_FILE),
         'FASTDDS_DEFAULT_PROFILES_FILE': str(folder / PROFILE_FILE),
@@ -19,24 +19,17 @@ def profile(folder, frame_bytes, **environment):
     return ElementTree.parse(folder / PROFILE_FILE).getroot()
 
 
-@pytest.mark.parametrize('frame_bytes', [0, 4 * 20 * 20, 4 * 128 * 128])
-def test_small_frames_leave_the_transports_as_they_are(tmp_path, frame_bytes):
-    root = profile(tmp_path, frame_bytes)
-    assert root.find(f'{SPACE}transport_descriptors') is None
-    assert root.find(f'.//{SPACE}useBuiltinTransports') is None
-    assert root.find(f'.//{SPACE}heartbeatPeriod') is not None
+def test_udp_is_the_only_transport(tmp_path):
+    root = profile(tmp_path)
+    assert [item.text for item in root.iter(f'{SPACE}type')] == ['UDPv4']
+    assert [item.text for item in root.iter(f'{SPACE}useBuiltinTransports')] == ['false']
+    used = [item.text for item in root.iterfind(f'.//{SPACE}userTransports/{SPACE}transport_id')]
+    made = [item.text for item in root.iterfind(
+        f'.//{SPACE}transport_descriptor/{SPACE}transport_id')]
+    assert used == made
+    assert len(made) == 1
 
 
-@pytest.mark.parametrize('side', [256, 1024, 16384])
-def test_segment_holds_frames(tmp_path, side):
-    root = profile(tmp_path, 4 * side * side)
-    message, segment = (
-        int(next(root.iter(f'{SPACE}{name}')).text) for name in ('maxMessageSize', 'segment_size'))
-    assert 4 * side * side < message
-    assert 2 * message <= segment < 2**32
-
-
-@pytest.mark.parametrize('frame_bytes', [0, 2**22])
 @pytest.mark.parametrize(('environment', 'only'), [
     ({}, []),
     ({'ROS_AUTOMATIC_DISCOVERY_RANGE': ''}, []),
@@ -46,14 +39,12 @@ def test_segment_holds_frames(tmp_path, side):
     ({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'ROS_STATIC_PEERS': '10.0.0.2'}, []),
     ({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET', 'ROS_LOCALHOST_ONLY': '1'}, ['127.0.0.1']),
 ])
-def test_sockets_stay_on_this_host_with_discovery(tmp_path, environment, only, frame_bytes):
-    root = profile(tmp_path, frame_bytes, **environment)
+def test_sockets_stay_on_this_host_with_discovery(tmp_path, environment, only):
+    root = profile(tmp_path, **environment)
     assert [item.text for item in root.iterfind(f'.//{SPACE}address')] == only
-    kinds = {item.text for item in root.iterfind(f'.//{SPACE}type')}
-    assert kinds == ({'SHM', 'UDPv4'} if only or frame_bytes else set())
 
 
 def test_profile_of_the_user_stays(tmp_path):
     given = {'FASTRTPS_DEFAULT_PROFILES_FILE': 'mine.xml'}
-    assert middleware_environment(given, tmp_path, 2**22) == {}
+    assert middleware_environment(given, tmp_path) == {}
     assert not list(tmp_path.iterdir())

@@ -71,7 +71,7 @@ def look_at_camera(topic: str, within_s: float = 10.0) -> RecordedRun:
 def _node() -> Iterator[Node]:
     """Yield a node in a context of its own, for whose sockets holds what holds for a run's."""
     with TemporaryDirectory() as folder:
-        added = middleware_environment(os.environ, Path(folder), 0)
+        added = middleware_environment(os.environ, Path(folder))
         os.environ |= added
         context = rclpy.Context()
         rclpy.init(
