@@ -207,9 +207,11 @@ def run(plan: 'RunPlan', folder: Path) -> int:
     from lowsnr_bringup.run.middleware import middleware_environment
     from lowsnr_eval.report.table import format_table
     from lowsnr_eval.scoring.final_summary import sum_up
+    import rclpy
 
     patience_s = plan.parameters['/evaluator']['answer_within_s'] + 2.0
-    os.environ |= middleware_environment(os.environ, folder)
+    os.environ |= middleware_environment(
+        os.environ, folder, rclpy.get_rmw_implementation_identifier())
     supervisor = Supervisor(plan.nodes, folder, plan.frames, patience_s, plan.respawn)
     status, trouble = supervisor.run()
     try:

@@ -47,7 +47,7 @@ else:
 
 def test_memory_of_large_messages_is_freed(tmp_path):
     environment = graph_environment(own_domain())
-    environment |= middleware_environment(environment, tmp_path)
+    environment |= middleware_environment(environment, tmp_path, 'rmw_fastrtps_cpp')
     with subprocess.Popen([sys.executable, '-c', NODE, 'writer'], env=environment,
                           stdin=subprocess.PIPE) as writer:
         done = subprocess.run([sys.executable, '-c', NODE, 'reader'], env=environment,

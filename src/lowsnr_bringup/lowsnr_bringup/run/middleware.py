@@ -4,12 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+import socket
 
 PROFILE_FILE = 'fastdds.xml'
 # Fast DDS 2 (Jazzy) and later versions read different variables.
 _VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
 # ROS otherwise overrides what the profile says of data sharing and of memory.
 _FROM_PROFILE = {'RMW_FASTRTPS_USE_QOS_FROM_XML': '1'}
+_RANGE, _PEERS, _ONLY_HERE = (
+    'ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_STATIC_PEERS', 'ROS_LOCALHOST_ONLY')
+# With this range ROS adds nothing to the profile; with LOCALHOST it adds shared memory.
+_AS_IN_PROFILE = {_RANGE: 'SYSTEM_DEFAULT', _PEERS: '', _ONLY_HERE: ''}
+_PROFILE = {'RMW_FASTRTPS_USE_QOS_FROM_XML': '1'}
 # Values of the discovery range for which nodes look for other hosts; ROS takes '' for SUBNET.
 _RANGE, _WIDE = 'ROS_AUTOMATIC_DISCOVERY_RANGE', ('', 'SUBNET', 'SYSTEM_DEFAULT')
 _PROFILE = """\
@@ -20,6 +26,7 @@ _PROFILE = """\
       <transport_id>lowsnr</transport_id>
       <type>UDPv4</type>
       <receiveBufferSize>4194304</receiveBufferSize>
+      <maxInitialPeersRange>32</maxInitialPeersRange>
 {interfaces}    </transport_descriptor>
   </transport_descriptors>
   <participant profile_name="lowsnr" is_default_profile="true">
@@ -36,7 +43,7 @@ _PROFILE = """\
             <period><nanosec>100000000</nanosec></period>
           </initialAnnouncements>
         </discovery_config>
-        <readerHistoryMemoryPolicy>PREALLOCATED_WITH_REALLOC</readerHistoryMemoryPolicy>
+{locators}        <readerHistoryMemoryPolicy>PREALLOCATED_WITH_REALLOC</readerHistoryMemoryPolicy>
         <writerHistoryMemoryPolicy>PREALLOCATED_WITH_REALLOC</writerHistoryMemoryPolicy>
       </builtin>
     </rtps>
@@ -59,14 +66,27 @@ _LOOPBACK = """\
         <address>127.0.0.1</address>
       </interfaceWhiteList>
 """
+# An unspecified unicast locator keeps Fast DDS from listening to its multicast address.
+_UNICAST = """\
+        <metatrafficUnicastLocatorList>
+          <locator/>
+        </metatrafficUnicastLocatorList>
+        <initialPeersList>
+{peers}        </initialPeersList>
+"""
+_PEER = """\
+          <locator><udpv4><address>{address}</address></udpv4></locator>
+"""
 
 
-def middleware_environment(environment: Mapping[str, str], folder: Path) -> dict[str, str]:
+def middleware_environment(
+    environment: Mapping[str, str], folder: Path, implementation: str,
+) -> dict[str, str]:
     """
-    Write the Fast DDS profile of a run; return the variables that point its processes to it.
+    Write the Fast DDS profile of a run; return the variables that its processes need.
 
-    The environment of a user who names a profile of their own stays as it is.  Compared with the
-    defaults of Fast DDS, the profile changes four things:
+    Nothing changes for another middleware, nor for a user who names a profile of their own.
+    Compared with Fast DDS under ROS by default, the profile changes four things:
 
     - All messages go by UDP, none through shared memory.  A process that is killed while it
       writes to shared memory leaves mutexes locked there, and other processes then wait for
@@ -87,18 +107,36 @@ def middleware_environment(environment: Mapping[str, str], folder: Path) -> dict
         Environment of the process that starts the run.
     folder
         Folder for the profile.
+    implementation
+        Name of the middleware, as ``rclpy.get_rmw_implementation_identifier`` returns it.
+
+    Raises
+    ------
+    ValueError
+        If ``ROS_STATIC_PEERS`` names a host that has no address; names that host.
 
     """
-    if any(name in environment for name in _VARIABLES):
+    if any(name in environment for name in _VARIABLES) or 'fastrtps' not in implementation:
         return {}
-    interfaces = _LOOPBACK if _stays_on_host(environment) else ''
+    interfaces = locators = ''
+    added = dict(_FROM_PROFILE)
+    # The older variable takes precedence, and ignores the peers.
+    only_here = environment.get(_ONLY_HERE) == '1'
+    if only_here or environment.get(_RANGE) == 'LOCALHOST':
+        static = [] if only_here else [
+            name for name in environment.get(_PEERS, '').split(';') if name]
+        peers = [_PEER.format(address=_address_of(name)) for name in ['127.0.0.1', *static]]
+        locators = _UNICAST.format(peers=''.join(peers))
+        interfaces = '' if static else _LOOPBACK
+        added |= _AS_IN_PROFILE
     path = (folder / PROFILE_FILE).resolve()
-    path.write_text(_PROFILE.format(interfaces=interfaces), encoding='utf-8')
-    return dict.fromkeys(_VARIABLES, str(path)) | _FROM_PROFILE
+    path.write_text(_PROFILE.format(interfaces=interfaces, locators=locators), encoding='utf-8')
+    return dict.fromkeys(_VARIABLES, str(path)) | added
 
 
-def _stays_on_host(environment: Mapping[str, str]) -> bool:
-    """Return whether nodes neither look for other hosts nor accept messages from them."""
-    if environment.get('ROS_LOCALHOST_ONLY') == '1':  # the older variable takes precedence
-        return True
-    return environment.get(_RANGE, '') not in _WIDE and not environment.get('ROS_STATIC_PEERS')
+def _address_of(name: str) -> str:
+    """Return the IPv4 address of a host; ValueError where it has none."""
+    try:
+        return socket.gethostbyname(name)
+    except OSError as error:
+        raise ValueError(f'{_PEERS}: {name} has no address: {error.strerror}') from None
