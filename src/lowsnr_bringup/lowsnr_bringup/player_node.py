@@ -12,7 +12,7 @@ from lowsnr_bringup.bags.reader import Bag
 from lowsnr_bringup.bags.replaying import played_frames
 from lowsnr_bringup.bags.replaying import PlayedFrame
 from lowsnr_bringup.bags.settings import PlayerSettings
-from lowsnr_common.core.malformed import Malformed
+from lowsnr_common.core.records import Malformed
 from lowsnr_common.ros import messages
 from lowsnr_common.ros.connections import wait_for_readers
 from lowsnr_common.ros.lockstep import Lockstep

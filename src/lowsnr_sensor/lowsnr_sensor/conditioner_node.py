@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from lowsnr_common.core.malformed import Malformed
 from lowsnr_common.core.motion import POS
 from lowsnr_common.core.motion import VEL
 from lowsnr_common.core.records import Estimate
+from lowsnr_common.core.records import Malformed
 from lowsnr_common.ros import messages
 from lowsnr_common.ros.images import image_to_array
 from lowsnr_common.ros.managed_node import ManagedNode

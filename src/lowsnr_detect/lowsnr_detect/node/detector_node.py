@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from lowsnr_common.core.malformed import Malformed
+from lowsnr_common.core.records import Malformed
 from lowsnr_common.core.streams import stream
 from lowsnr_common.ros import messages
 from lowsnr_common.ros.managed_node import ManagedNode

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from dataclasses import field
 
 from lowsnr_common.core.records import Estimate
+from lowsnr_common.core.timeline import StampOrder
 from lowsnr_common.core.timeline import Timeline
-from lowsnr_common.core.timeline import Verdict
 
 # Answers to frames that are not known to exist, kept because they may come first.
 _MOST_UNKNOWN = 1000
@@ -87,7 +87,7 @@ class Assembly:
 
     def add_array(self, topic: str, stamp: int, entries: list[Estimate], now_s: float) -> bool:
         """Take an array; False if its frame is done already or the array is a second one."""
-        if topic == self._key and self._timeline.judge(stamp) is Verdict.SET_BACK:
+        if topic == self._key and self._timeline.classify(stamp) is StampOrder.SET_BACK:
             self._set_back(stamp)
         frame = self._frame(stamp)
         if frame is None or topic in frame.arrays:

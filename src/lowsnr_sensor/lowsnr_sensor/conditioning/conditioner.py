@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 import math
 
-from lowsnr_common.core.malformed import Malformed
+from lowsnr_common.core.records import Malformed
 from lowsnr_common.settings.config import check_settings
 from lowsnr_common.settings.config import setting
 from lowsnr_sensor.conditioning.background import binned
