@@ -83,9 +83,9 @@ def main() -> int:
 def measure(method: Method, snr_db: float, options: argparse.Namespace) -> list[dict[str, Any]]:
     """Calibrate every variant of a method and score all on the same runs."""
     from lowsnr_common.core.measurement import SensorModel
-    from lowsnr_detect.calibration.calibration import calibrated
-    from lowsnr_detect.calibration.false_alarms import empty_frame_peaks
-    from lowsnr_detect.calibration.false_alarms import Simulation
+    from lowsnr_detect.calibration.empty_frames import empty_frame_peaks
+    from lowsnr_detect.calibration.empty_frames import Simulation
+    from lowsnr_detect.calibration.operating_point import calibrated
     from lowsnr_sensor.scenario import load_scenario
 
     scenario = load_scenario(ROOT / 'config' / 'scenarios' / 'random.yaml')

@@ -95,9 +95,9 @@ def main() -> int:
 def measure(method: Method, snr_db: float, runs: int, seed: int) -> dict[str, Any]:
     """Calibrate a method, run it on frames with and without an object, and score it."""
     from lowsnr_common.core.measurement import SensorModel
-    from lowsnr_detect.calibration.calibration import calibrated
-    from lowsnr_detect.calibration.false_alarms import empty_frame_peaks
-    from lowsnr_detect.calibration.false_alarms import Simulation
+    from lowsnr_detect.calibration.empty_frames import empty_frame_peaks
+    from lowsnr_detect.calibration.empty_frames import Simulation
+    from lowsnr_detect.calibration.operating_point import calibrated
     from lowsnr_sensor.scenario import load_scenario
     import numpy as np
 

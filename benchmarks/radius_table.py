@@ -73,9 +73,9 @@ def measure(
 ) -> dict[str, Any]:
     """Calibrate SDT, run it on frames with and without the object, and score it."""
     from lowsnr_common.core.measurement import SensorModel
-    from lowsnr_detect.calibration.calibration import calibrated
-    from lowsnr_detect.calibration.false_alarms import empty_frame_peaks
-    from lowsnr_detect.calibration.false_alarms import Simulation
+    from lowsnr_detect.calibration.empty_frames import empty_frame_peaks
+    from lowsnr_detect.calibration.empty_frames import Simulation
+    from lowsnr_detect.calibration.operating_point import calibrated
     from lowsnr_detect.detectors.sdt import SDT
     from lowsnr_sensor.scenario import load_scenario
 

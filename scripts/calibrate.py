@@ -96,7 +96,7 @@ def planned(
 
 def calibrate(name: str, detector: Any, prob: float, shape: tuple[int, int]) -> Any:
     """Return the calibration, showing how far it is where it takes a while."""
-    from lowsnr_detect.calibration.calibration import calibrated
+    from lowsnr_detect.calibration.operating_point import calibrated
     from tqdm import tqdm
 
     with tqdm(total=100, desc=f'calibrating {name}', unit='%', leave=False,

@@ -3,7 +3,7 @@
 import threading
 
 from lowsnr_common.settings.node_settings import DetectionSettings
-from lowsnr_detect.calibration.calibration import at_operating_point
+from lowsnr_detect.calibration.operating_point import at_operating_point
 import lowsnr_detect.detectors  # noqa: F401  (has every detector register itself)
 from lowsnr_detect.node import live_detector as live_module
 from lowsnr_detect.node.detector_node import DetectorNode
