@@ -137,12 +137,13 @@ class _Search:
     def _simulated(self, threshold: float) -> np.ndarray:
         """Return the statistic (runs, frames) of the detector with a threshold."""
         if threshold not in self.peaks:
+            # How many simulations feedback takes is not known: each counts as half of the rest.
             left = 0.5**len(self.peaks)
+            part = left / 2.0 if self.detector.feedback else 1.0
 
             def progress(done: float) -> None:
-                # How many simulations there will be is not known: each takes half of the rest.
                 if self.progress:
-                    self.progress(1.0 - left + done * left / 2.0)
+                    self.progress(1.0 - left + done * part)
 
             self.peaks[threshold] = empty_frame_peaks(
                 replace(self.detector, threshold=threshold), self.simulation, progress)
