@@ -43,7 +43,8 @@ def parse_arguments(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument(
         '--rows', type=number(1, whole=True), metavar='N', help="rows (default: the scenario's)")
     parser.add_argument(
-        '--cols', type=number(1, whole=True), metavar='N', help="columns (default: the scenario's)")
+        '--cols', type=number(1, whole=True), metavar='N',
+        help="columns (default: the scenario's)")
     parser.add_argument(
         '--set', action='append', default=[], metavar='DETECTOR.PARAMETER=VALUE',
         dest='overrides', help='set one parameter of a detector; may be repeated')

@@ -35,7 +35,8 @@ from lowsnr_detect.parts.registry import register
 from lowsnr_detect.parts.wald_bounds import ratio_terms
 import numpy as np
 
-# Cells on each side of a declaration over which its position is averaged.
+# Cells on each side of a declaration over which its position is averaged.  At 6 dB hits within
+# 1.5 cells are most frequent with 2: P_D .55, .57, .60, .59 for 0 to 3 (150 runs, random.yaml).
 _CENTROID_REACH = 2
 
 

@@ -167,8 +167,7 @@ class SDT(CellDetector):
 
     def init(self, shape: tuple[int, ...]) -> Paths:
         """Return the open paths before the first frame: none."""
-        return Paths(np.full(
-            (self.max_iterations - 1, *shape), -np.inf, dtype=np.float32), 0)
+        return Paths(np.full((self.max_iterations - 1, *shape), -np.inf, np.float32), 0)
 
     def step(
         self, state: Paths, frame: np.ndarray, rng: np.random.Generator,
@@ -238,10 +237,14 @@ class SDT(CellDetector):
         """Cells on each side that a declaration suppresses, those of the blur included."""
         if self.thinning_reach >= 0:
             return self.thinning_reach
+        # A path may leave the object in its last frames.  At 6 dB and 1 % false alarms this holds
+        # 92 % (s_m = 5) and 91 % (s_m = 8) of the crossing cells around the strongest.
         return self.sensor.blur_reach + self.radius * min(
             self.max_iterations - 1, 3 if self.max_iterations > 5 else 2)
 
     @property
     def position_std_m(self) -> float:
         """Standard deviation of a declared position per axis [m]."""
+        # Uniform in the cell, and the distance of the cell from the object's: with s_m = 5 at 6 dB
+        # its variance is 0.40 cells^2 within 5 cells (0.12 at 9 dB; 150 runs, random.yaml).
         return self.sensor.cell_size_m * math.sqrt(1.0 / 12.0 + 0.4 * (self.max_iterations > 1))
