@@ -9,6 +9,7 @@ from collections.abc import Callable
 from collections.abc import Iterator
 from dataclasses import dataclass
 from dataclasses import replace
+import importlib
 import itertools
 from pathlib import Path
 import statistics
@@ -19,7 +20,6 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT / 'test'), *(str(path) for path in (ROOT / 'src').glob('lowsnr_*'))]
 
-from common import numpy_particles  # noqa: E402
 from lowsnr_common.core.motion import MotionModes  # noqa: E402
 from lowsnr_common.core.records import Estimate  # noqa: E402
 from lowsnr_common.ros.memory import keep_freed_memory  # noqa: E402
@@ -45,6 +45,8 @@ SEED = 0
 NEVER = 60.0
 _LEAST_S = 2e-3
 
+# The helpers of the tests are not typed.
+numpy_particles: Any = importlib.import_module('common.numpy_particles')
 # Every node does so.
 keep_freed_memory()
 Work = Callable[[], Any]
@@ -107,7 +109,8 @@ def _repeats(work: Work) -> int:
 def frames_of(side: int, kind: type = np.float32) -> Iterator[np.ndarray]:
     """Yield frames of noise, in a cycle of as many as fit into memory."""
     rng = np.random.default_rng(SEED)
-    some = [rng.standard_normal((side, side)).astype(kind) for _ in range(8 if side > 500 else 40)]
+    some: list[np.ndarray] = [
+        rng.standard_normal((side, side)).astype(kind) for _ in range(8 if side > 500 else 40)]
     return itertools.cycle(some)
 
 
@@ -131,7 +134,7 @@ def hmm(order: int, side: int) -> Work:
 
 def copy(planes: int, side: int, kind: type = np.float32) -> Work:
     """Return the work of copying planes."""
-    source = np.ones((planes, side, side), dtype=kind)
+    source: np.ndarray = np.ones((planes, side, side), dtype=kind)
     target = np.ones_like(source)
     return lambda: np.copyto(target, source)
 
@@ -224,23 +227,28 @@ def tracking(count: int, detections: int, births: bool = False) -> Work:
     return work
 
 
+def pair(
+    subject: Callable[..., Work], given: tuple[Any, ...], reference: Callable[..., Work],
+    *its_own: Any,
+) -> Callable[[], tuple[Work, Work]]:
+    """Return the function that makes a subject and its reference with their arguments."""
+    return lambda: (subject(*given), reference(*its_own))
+
+
 def cases() -> list[Case]:
-    """Return everything that is timed."""
+    """Return all cases."""
     found = []
     for side in SIDES:
-        size, cells = f'{side} x {side}', side**2
+        size, cells, sdt = f'{side} x {side}', side**2, (SDT(threshold=NEVER), side)
         found += [
             Case('SDT s_m=5', size, 'copy of 5 float32 planes',
-                 lambda side=side: (stepping(SDT(threshold=NEVER), side), copy(5, side)),
+                 pair(stepping, sdt, copy, 5, side),
                  5 * cells, 'cell and plane', 2.0 if side == 1024 else None),
-            Case('SDT s_m=5', size, 'NumPy',
-                 lambda side=side: (stepping(SDT(threshold=NEVER), side), numpy_sdt(5, side)),
+            Case('SDT s_m=5', size, 'NumPy', pair(stepping, sdt, numpy_sdt, 5, side),
                  5 * cells, 'cell and plane'),
             Case('CUSUM', size, 'copy of 2 float32 planes',
-                 lambda side=side: (stepping(CUSUM(threshold=NEVER), side), copy(2, side)),
-                 cells, 'cell'),
-            Case('HMM order 0', size, 'NumPy',
-                 lambda side=side: (hmm(0, side), numpy_hmm(0, side)),
+                 pair(stepping, (CUSUM(threshold=NEVER), side), copy, 2, side), cells, 'cell'),
+            Case('HMM order 0', size, 'NumPy', pair(hmm, (0, side), numpy_hmm, 0, side),
                  cells, 'cell', goal_ns=5.0 if side == 1024 else None)]
     return [*found, *_other_cases()]
 
@@ -248,33 +256,32 @@ def cases() -> list[Case]:
 def _other_cases() -> list[Case]:
     found = [
         Case('SDT s_m=6', '20 x 20', 'path enumeration',
-             lambda: (stepping(SDT(threshold=NEVER, max_iterations=6), 20), enumeration(6, 20)),
+             pair(stepping, (SDT(threshold=NEVER, max_iterations=6), 20), enumeration, 6, 20),
              6 * 400, 'cell and plane', 1e-4, faster=True),
         *(Case('HMM order 2', f'{side} x {side}', 'NumPy',
-               lambda side=side: (hmm(2, side), numpy_hmm(2, side)),
-               side**2, 'cell', goal_ns=1000.0) for side in (20, 256)),
+               pair(hmm, (2, side), numpy_hmm, 2, side), side**2, 'cell', goal_ns=1000.0)
+          for side in (20, 256)),
         Case('HMM order 2', '1024 x 1024', 'copy of 81 float64 planes',
-             lambda: (hmm(2, 1024), copy(81, 1024, np.float64)),
+             pair(hmm, (2, 1024), copy, 81, 1024, np.float64),
              1024**2, 'cell', goal_ns=1000.0)]
     found += [
         Case(f'SDT s_m={depths}', '256 x 256', f'copy of {depths} float32 planes',
-             lambda depths=depths: (
-                 stepping(SDT(threshold=NEVER, max_iterations=depths), 256), copy(depths, 256)),
+             pair(stepping, (SDT(threshold=NEVER, max_iterations=depths), 256),
+                  copy, depths, 256),
              depths * 256**2, 'cell and plane') for depths in DEPTHS]
     for count in PARTICLES:
         detector = replace(MMTBD2(), particles=count, birth_particles=count // 3)
         goals = (80.0, 200.0) if count >= 10_000 else (None, None)
+        numpy = 'NumPy: move, weight, resample'
         found += [
-            Case('MMTBD2', f'{count} + {count // 3}', 'NumPy: move, weigh, resample',
-                 lambda detector=detector, count=count: (
-                     stepping(detector, 20), numpy_particle_step(count, 20)),
+            Case('MMTBD2', f'{count} + {count // 3}', numpy,
+                 pair(stepping, (detector, 20), numpy_particle_step, count, 20),
                  count + count // 3, 'particle', goal_ns=goals[0]),
-            Case('PDA-MMPF, 7 detections', f'{count}', 'NumPy: move, weigh, resample',
-                 lambda count=count: (tracking(count, 7), numpy_particle_step(count, 20)),
+            Case('PDA-MMPF, 7 detections', f'{count}', numpy,
+                 pair(tracking, (count, 7), numpy_particle_step, count, 20),
                  count, 'particle', goal_ns=goals[1]),
-            Case('PDA-MMPF, 7 detections and a birth', f'{count}',
-                 'NumPy: move, weigh, resample',
-                 lambda count=count: (tracking(count, 7, births=True), numpy_particle_step(count, 20)),
+            Case('PDA-MMPF, 7 detections and a birth', f'{count}', numpy,
+                 pair(tracking, (count, 7, True), numpy_particle_step, count, 20),
                  count, 'particle', goal_ns=goals[1])]
     return found
 

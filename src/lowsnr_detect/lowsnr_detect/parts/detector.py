@@ -20,8 +20,8 @@ from lowsnr_common.core.records import Estimate
 import numpy as np
 
 # Frames over which position errors of recursive detectors are correlated: their integrated
-# autocorrelation time, 1 + 2 sum of the autocorrelations, at 6 dB is 2.8 (HMM order 2), 2.9 (CUSUM)
-# and 3.5 frames (MMTBD2), from 150 runs of config/scenarios/random.yaml, calibrated to 1 %.
+# autocorrelation time, 1 + 2 sum of the autocorrelations, at 6 dB is 2.8 frames for HMM, 2.9 for
+# CUSUM and 3.5 for MMTBD2 (150 runs of config/scenarios/random.yaml, 1 % of false alarms).
 CORRELATED_FRAMES = 3
 
 
