@@ -75,7 +75,8 @@ def main() -> int:
             for snr_db in options.snr:
                 for row in measure(method, snr_db, options):
                     print('{method:>16} {snr_db:5g} dB  {destination:>12}  '
-                          'P_D {pd:.3f} [{pd_low:.3f}, {pd_high:.3f}]  gain {gain:+.3f} [{gain_low:+.3f}, {gain_high:+.3f}]  '
+                          'P_D {pd:.3f} [{pd_low:.3f}, {pd_high:.3f}]  '
+                          'gain {gain:+.3f} [{gain_low:+.3f}, {gain_high:+.3f}]  '
                           'empty {empty_rate:.4f}'.format(**row), flush=True)
                     writer.writerow(row)
                     file.flush()
