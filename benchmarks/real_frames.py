@@ -76,7 +76,7 @@ def tracked(name: str, cells: Any, times_s: Any, seed: int) -> list[list[Any]]:
     """Return the confirmed tracks of every frame; the unit of time is the median period."""
     from lowsnr_common.core.measurement import SensorModel
     from lowsnr_common.core.streams import stream
-    from lowsnr_detect.calibration.calibration import calibrated
+    from lowsnr_detect.calibration.operating_point import calibrated
     from lowsnr_detect.parts.registry import detector_class
     from lowsnr_track.pda_mmpf import PdaMmpf
     import numpy as np

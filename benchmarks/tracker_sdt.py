@@ -15,7 +15,7 @@ from typing import Any
 
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.core.motion import POS
-from lowsnr_detect.calibration.calibration import calibrated
+from lowsnr_detect.calibration.operating_point import calibrated
 from lowsnr_detect.detectors.sdt import SDT
 from lowsnr_eval.study.experiment import simulate_run
 from lowsnr_eval.study.offline_chain import detect

@@ -183,7 +183,7 @@ def secure(keystore: Path, nodes: list[str]) -> None:
 
 def calibrate(plan: 'RunPlan') -> None:
     """Find the thresholds of matched detectors here, where progress can be shown."""
-    from lowsnr_detect.calibration.calibration import calibrated
+    from lowsnr_detect.calibration.operating_point import calibrated
     from tqdm import tqdm
 
     for path, detector in plan.detectors.items():

@@ -8,7 +8,7 @@ from lowsnr_common.core.records import Malformed
 from lowsnr_common.settings.config import flat_values
 from lowsnr_common.settings.config import flatten
 from lowsnr_common.settings.node_settings import TruthSettings
-from lowsnr_detect.calibration.calibration import calibrated
+from lowsnr_detect.calibration.operating_point import calibrated
 from lowsnr_detect.parts.registry import detector_class
 from lowsnr_sensor.conditioning import background
 from lowsnr_sensor.conditioning.conditioner import ConditioningSettings

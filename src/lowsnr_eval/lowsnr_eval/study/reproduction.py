@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from collections.abc import Mapping
 
 from distributed import Client
-from lowsnr_detect.calibration.calibration import calibrated
+from lowsnr_detect.calibration.operating_point import calibrated
 from lowsnr_eval.report.study_figures import draw
 from lowsnr_eval.report.study_figures import Plan
 from lowsnr_eval.study.experiment import Block
