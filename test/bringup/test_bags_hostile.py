@@ -81,8 +81,8 @@ def test_view_in_place_of_a_table_is_not_read(tmp_path):
 
 
 def test_values_that_a_run_cannot_have_are_named(tmp_path):
-    told = yaml.safe_dump({'/evaluator': {'ros__parameters': {'seed': {'a': 1}}}})
-    with BagWriter(tmp_path / 'bag', custom={CUSTOM_PARAMETERS: told}) as bag:
+    text = yaml.safe_dump({'/evaluator': {'ros__parameters': {'seed': {'a': 1}}}})
+    with BagWriter(tmp_path / 'bag', custom={CUSTOM_PARAMETERS: text}) as bag:
         bag.add_topic('/detections', 'vision_msgs/msg/Detection2DArray')
     with Bag(tmp_path / 'bag') as bag, pytest.raises(ValueError, match='seed'):
         find_chains(bag, {})

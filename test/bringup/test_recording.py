@@ -1,4 +1,4 @@
-"""What the recorder counts, and what its bags tell about losses."""
+"""The recorder counts lost messages; its bags hold the counts."""
 
 from pathlib import Path
 

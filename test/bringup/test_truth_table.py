@@ -1,4 +1,4 @@
-"""A table of truth tells which objects are in which frame; a bad line is named."""
+"""A table of truth lists the objects of every frame; a bad line is named."""
 
 from lowsnr_bringup.bags.errors import UnusableFile
 from lowsnr_bringup.bags.truth_table import read_truth

@@ -42,11 +42,11 @@ class FrameReader:
     dtype
         Type of every frame: ``uint8``, ``uint16`` or ``float32``.
     times_s : (T,) ndarray or None
-        Times of the frames [s], increasing, where they are known.
+        Times of the frames [s], increasing; None if unknown.
     period_s : float or None
-        Time between frames [s], where a video tells it.
+        Time between frames [s] of a video that states it.
     truth : (T, 2) ndarray or None
-        x (column), y (row) of the object [pixels], NaN where it is absent; where it is known.
+        x (column), y (row) of the object [pixels], NaN where it is absent; None if unknown.
     notes : list of str
         What a user should know, complete once all frames are read.
 
@@ -67,7 +67,8 @@ class FrameReader:
         """
         Return the time between frames [s] where it is the same throughout, else None.
 
-        A period that is given replaces that of the files; 1 s where nothing tells it.
+        ``period_s`` replaces the period and the times of the files.  The period is 1 s where
+        neither states one.
         """
         if period_s is None and self.times_s is not None and len(self.times_s) > 1:
             return None

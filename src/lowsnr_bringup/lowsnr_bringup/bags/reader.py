@@ -1,7 +1,7 @@
 """
 Reading rosbag2 bags of any writer, whole or damaged.
 
-A damaged file is read up to the damage, and :attr:`Bag.notes` tells so.
+The reader uses a damaged file up to the damage, and adds a line to :attr:`Bag.notes`.
 """
 
 from __future__ import annotations
@@ -185,7 +185,7 @@ class Bag:
 
 
 def _magic(path: Path, plain: Path) -> bytes:
-    """Return the first bytes of a file, which tell its format."""
+    """Return the first bytes of a file, which are those of its format."""
     try:
         with plain.open('rb') as file:
             head = file.read(max(map(len, _READERS)))

@@ -27,7 +27,7 @@ class RecordedRun:
     Attributes
     ----------
     name
-        Name of the scenario, or of the bag where it does not tell one.
+        Name of the scenario; that of the bag if its metadata do not name a scenario.
     frames
         Their number; 0 for a camera, whose frames have no end.
     rows, cols
@@ -43,7 +43,7 @@ class RecordedRun:
     encoding
         Encoding of the images.
     seed, sensor
-        Seed and settings ``sensor.*`` of the run, where the bag tells them.
+        Seed and settings ``sensor.*`` of the run, if the metadata hold them.
     notes : list of str
         A line for each thing that is damaged or missing.
     frames_topic

@@ -1,4 +1,4 @@
-"""What the recorder node is told, what it counts, and what its bags tell afterwards."""
+"""Recording a run: settings and counts of the recorder, and a summary of its bags."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Tally:
         Whether the topic has several publishers.
     last
         Number of the last message, 0 before the first one.  None if the publisher may have
-        started before the recorder: the first message then tells nothing about losses.
+        started before the recorder: its first number then means nothing.
 
     """
 
@@ -140,7 +140,7 @@ def _information(folder: Path) -> dict[str, Any]:
 
 
 def restarted_bag(bag: Path, restarts: int) -> Path:
-    """Return the bag of a recorder that was restarted so often: each start has its own."""
+    """Return the bag of a recorder after some restarts: each start writes its own."""
     return bag.with_name(f'{bag.name}-{restarts + 1}') if restarts else bag
 
 

@@ -1,4 +1,4 @@
-"""What the player node is told, and the frames that it publishes, each with its truth."""
+"""Replaying a bag: settings of the player, and the frames, each with its truth."""
 
 from __future__ import annotations
 

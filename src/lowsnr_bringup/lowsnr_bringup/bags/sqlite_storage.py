@@ -39,7 +39,7 @@ CREATE TABLE messages(
 CREATE INDEX timestamp_idx ON messages (timestamp ASC);
 INSERT INTO schema(schema_version, ros_distro) VALUES (4, '{ROS_DISTRO}');
 """
-# In place of a table there may be a view, which may go on for ever.
+# A view in place of a table could yield rows without end.
 _TABLES = (
     "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name IN ('topics', 'messages')")
 _ALL_PAGES = 'SELECT topic_id, count(*) FROM messages NOT INDEXED GROUP BY topic_id'
@@ -122,7 +122,7 @@ class SqliteStorageReader:
         self._database = _connect(path)
         try:
             if self.damage:
-                # Without it SQLite reads nothing of a file that is shorter than its header says.
+                # Otherwise SQLite rejects a file that is shorter than its header declares.
                 self._database.execute('PRAGMA writable_schema = ON')
             (tables,), = self._database.execute(_TABLES)
             if tables != 2:

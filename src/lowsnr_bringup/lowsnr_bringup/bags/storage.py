@@ -29,7 +29,7 @@ class Topic:
     name, msgtype
         Its name, and a type such as ``sensor_msgs/msg/Image``.
     digest
-        Hash of the type as DDS advertises it; ``''`` where the bag does not tell it.
+        Hash of the type as DDS advertises it; ``''`` if the bag does not hold it.
 
     """
 
@@ -51,8 +51,8 @@ class StorageReader(Protocol):
     """
     A storage file, open for reading.
 
-    ``topics`` are the topics of the file.  ``damage`` says why the file is not whole, ``''`` for
-    a whole file; a damaged file is read up to its damage.
+    ``damage`` is why the file is not whole, ``''`` for a whole file; a damaged file is read up to
+    its damage.
     """
 
     damage: str

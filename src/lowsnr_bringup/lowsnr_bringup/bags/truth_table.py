@@ -83,7 +83,7 @@ def read_truth(path: Path, times_s: NDArray[np.floating]) -> list[list[Truth]]:
 
 
 def _key(path: Path, header: Sequence[str]) -> str:
-    """Return the name of the column that tells the frame."""
+    """Return the name of the column that identifies the frame."""
     names = {str(name) for name in header}
     for key in ('frame', 't_s'):
         if {key, 'x', 'y'} <= names <= {key, 'x', 'y', 'id'}:
