@@ -206,14 +206,14 @@ def run(plan: 'RunPlan', folder: Path) -> int:
     from lowsnr_bringup.ros.supervisor import Supervisor
     from lowsnr_bringup.run.middleware import middleware_environment
     from lowsnr_eval.report.table import format_table
-    from lowsnr_eval.scoring.final_summary import sum_up
+    from lowsnr_eval.scoring.final_summary import summarize_run
 
     patience_s = plan.parameters['/evaluator']['answer_within_s'] + 2.0
     os.environ |= middleware_environment(os.environ, folder, plan.frame_bytes)
     supervisor = Supervisor(plan.nodes, folder, plan.frames, patience_s, plan.respawn)
     status, trouble = supervisor.run()
     try:
-        sum_up(plan.parameters['/evaluator'], supervisor.account)
+        summarize_run(folder, plan.parameters['/evaluator'], supervisor.account)
     except (OSError, ValueError) as error:
         print(f'bringup.py: no summary: {" ".join(str(error).split())}', file=sys.stderr)
     summary = folder / 'summary.json'

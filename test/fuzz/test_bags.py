@@ -34,7 +34,7 @@ from lowsnr_eval.report import figures
 from lowsnr_eval.report import html_page as pages
 from lowsnr_eval.report.run_report import write_run_report
 from lowsnr_eval.report.table import format_table
-from lowsnr_eval.scoring.results import FRAME_COLUMNS
+from lowsnr_eval.scoring.score_rows import FRAME_COLUMNS
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message

@@ -1,6 +1,7 @@
 """Damaged frames, tables of truth and results are used, or rejected in one line."""
 
 import argparse
+from contextlib import closing
 import io
 import json
 import shutil
@@ -18,17 +19,20 @@ from fuzz.strategies import whole
 from hypothesis import strategies as st
 from lowsnr_bringup.bags.image_files import open_frames
 from lowsnr_bringup.bags.truth_table import read_truth
+from lowsnr_bringup.run.results_folder import Account
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.core.records import Truth
 from lowsnr_common.settings.node_settings import Evaluation
+from lowsnr_common.settings.node_settings import RunSettings
 from lowsnr_eval.report import figures
 from lowsnr_eval.report import html_page as pages
 from lowsnr_eval.report.run_report import write_run_report
+from lowsnr_eval.scoring.final_summary import summarize
+from lowsnr_eval.scoring.final_summary import write_summary
 from lowsnr_eval.scoring.frame_scoring import Answer
-from lowsnr_eval.scoring.results import ResultsWriter
-from lowsnr_eval.scoring.results import summarize
+from lowsnr_eval.scoring.frame_scoring import score_frame
 from lowsnr_eval.scoring.scene import SceneWriter
-from lowsnr_eval.scoring.tallies import Scoreboard
+from lowsnr_eval.scoring.score_tables import ScoreTables
 import numpy as np
 import pytest
 
@@ -121,17 +125,17 @@ def test_table_of_truth_is_read_or_rejected(place, data):
 
 def write_results(folder, name='object'):
     """Write the results of a run of a few frames."""
-    board = Scoreboard(Evaluation(), ['sdt'])
-    with ResultsWriter(folder) as writer, SceneWriter(folder, 1.0) as scene:
+    with closing(ScoreTables(folder, ['sdt'])) as tables, closing(
+            SceneWriter(folder, 1.0)) as scene:
         for k in range(1, 5):
             state = np.array([k, 0.5, 2.0, 0.0])
             found = [Estimate(state, np.eye(4), 0.9, name)]
-            answer = Answer(found, found, 1.0, 1.0)
-            scene.see(k, np.full(SHAPE, float(k)))
-            scene.say(k, k, [Truth(name, state)], {'sdt': answer})
-            truth = [Truth(name, state)]
-            writer.add_scores(board.score_frame(k, float(k), truth, {'sdt': answer}))
-        writer.write_summary(summarize(board, scenario=name, seed=0, published=4))
+            truth, answers = [Truth(name, state)], {'sdt': Answer(found, found, 1.0, 1.0)}
+            scene.add_frame(k, np.full(SHAPE, float(k)))
+            scene.add_answers(k, k, truth, answers)
+            tables.add(score_frame(k, float(k), truth, answers, Evaluation()), answers)
+    write_summary(folder, summarize(
+        folder, RunSettings(scenario=name), Evaluation(), 0, Account(4)))
 
 
 @pytest.fixture(scope='module')
