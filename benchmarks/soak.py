@@ -22,7 +22,7 @@ import time
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT / 'scripts'), str(ROOT / 'test')]
+sys.path[:0] = [str(ROOT / 'scripts'), str(ROOT / 'test' / 'support')]
 
 import _environment  # noqa: E402
 
