@@ -21,8 +21,8 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT / 'test'), *(str(path) for path in (ROOT / 'src').glob('lowsnr_*'))]
 
 from lowsnr_common.core.motion import MotionModes  # noqa: E402
+from lowsnr_common.core.process_setup import keep_freed_memory  # noqa: E402
 from lowsnr_common.core.records import Estimate  # noqa: E402
-from lowsnr_common.ros.memory import keep_freed_memory  # noqa: E402
 from lowsnr_detect.detectors.cusum import CUSUM  # noqa: E402
 from lowsnr_detect.detectors.hmm import forward  # noqa: E402
 from lowsnr_detect.detectors.hmm import HMM  # noqa: E402

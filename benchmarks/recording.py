@@ -105,7 +105,9 @@ def main() -> int:
     from lowsnr_bringup.bags.recording import summarize_recording
     from lowsnr_bringup.run.middleware import middleware_environment
     size = 4 * options.side**2
-    os.environ |= middleware_environment(os.environ, folder, size)
+    import rclpy
+    os.environ |= middleware_environment(
+        os.environ, folder, rclpy.get_rmw_implementation_identifier())
     try:
         start = time.monotonic()
         sent, latest, cpu_s = record(folder, options)

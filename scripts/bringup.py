@@ -17,6 +17,7 @@ import _environment
 if TYPE_CHECKING:
     from lowsnr_bringup.bags.recorded_run import RecordedRun
     from lowsnr_bringup.plan.run_plan import RunPlan
+    from lowsnr_bringup.run.node_server import NodeServer
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'config'
@@ -127,6 +128,13 @@ def main() -> int:
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     if options.domain_id is not None:
         os.environ['ROS_DOMAIN_ID'] = str(options.domain_id)
+    from lowsnr_bringup.run.node_server import NodeServer
+    with NodeServer() as server:
+        return plan_and_run(options, server)
+
+
+def plan_and_run(options: argparse.Namespace, server: 'NodeServer') -> int:
+    """Plan the run that the options ask for, and run it; return the exit code."""
     from lowsnr_bringup.plan.graph import to_yaml
     from lowsnr_bringup.run.domain import claim_domain
     from lowsnr_bringup.run.middleware import middleware_environment
@@ -153,7 +161,7 @@ def main() -> int:
         if '/recorder' in plan.parameters:
             plan.parameters['/recorder']['run_parameters'] = str(file)
         file.write_text(to_yaml(plan.parameters), encoding='utf-8')
-        return run(plan, folder)
+        return run(plan, folder, server)
 
 
 def plan_of(options: argparse.Namespace) -> 'RunPlan':
@@ -203,7 +211,7 @@ def calibrate(plan: 'RunPlan') -> None:
                 progress=show)
 
 
-def run(plan: 'RunPlan', folder: Path) -> int:
+def run(plan: 'RunPlan', folder: Path, server: 'NodeServer') -> int:
     """Start the graph, wait for its end, and print what it scored."""
     from lowsnr_bringup.bags.recording import bags_of_run
     from lowsnr_bringup.bags.recording import summarize_recording
@@ -212,7 +220,8 @@ def run(plan: 'RunPlan', folder: Path) -> int:
     from lowsnr_eval.scoring.final_summary import summarize_run
 
     patience_s = plan.parameters['/evaluator']['answer_within_s'] + 2.0
-    supervisor = Supervisor(plan.nodes, folder, plan.frames, patience_s, plan.respawn)
+    supervisor = Supervisor(
+        plan.nodes, folder, plan.frames, patience_s, plan.respawn, server=server)
     status, trouble = supervisor.run()
     try:
         summarize_run(folder, plan.parameters['/evaluator'], supervisor.account)

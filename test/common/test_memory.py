@@ -18,7 +18,7 @@ def faults():
 
 print(faults(), faults())
 """
-KEPT = 'from lowsnr_common.ros.memory import keep_freed_memory; keep_freed_memory()'
+KEPT = 'from lowsnr_common.core.process_setup import keep_freed_memory; keep_freed_memory()'
 
 
 def page_faults(call):

@@ -75,17 +75,17 @@ class GraphRun:
 
     def processes(self) -> list[tuple[str, int]]:
         """Return the last part of the module, and the process id, of every node that runs."""
-        marker = str(self.results).encode()
         found = []
         for entry in Path('/proc').iterdir():
             if not entry.name.isdigit() or int(entry.name) == self.process.pid:
                 continue
             try:
-                words = (entry / 'cmdline').read_bytes().split(b'\0')
+                # The title of a forked node has spaces where a command line has zeros.
+                command = (entry / 'cmdline').read_bytes().replace(b'\0', b' ').decode()
             except OSError:
                 continue
-            if b'-m' in words and any(marker in word for word in words):
-                module = words[words.index(b'-m') + 1].decode()
+            if ' -m ' in command and str(self.results) in command:
+                module = command.partition(' -m ')[2].split()[0]
                 found.append((module.rpartition('.')[2], int(entry.name)))
         return found
 

@@ -20,6 +20,7 @@ from lowsnr_bringup.ros.manager import GraphFailure
 from lowsnr_bringup.ros.manager import Manager
 from lowsnr_bringup.ros.respawner import Respawner
 from lowsnr_bringup.run.middleware import PROFILE_FILE
+from lowsnr_bringup.run.node_server import NodeServer
 from lowsnr_bringup.run.processes import NodeProcess
 from lowsnr_bringup.run.processes import ProcessGroup
 from lowsnr_bringup.run.results_folder import Account
@@ -54,18 +55,21 @@ class Supervisor:
         Whether nodes that die are started again.
     environment
         Environment of the nodes.
+    server
+        Forks the nodes; without it each starts its own Python.
 
     """
 
     def __init__(
         self, nodes: Sequence[Node], folder: Path, frames: int | None, patience_s: float,
         respawn: bool = False, environment: Mapping[str, str] = os.environ,
+        server: NodeServer | None = None,
     ) -> None:
         self._nodes = nodes
         self._folder = folder
         self._frames = frames
         self._patience_s = patience_s
-        self._environment = environment
+        self._environment, self._server = environment, server
         self._signal = 0
         self._respawn = respawn
         self._respawner: Respawner | None = None
@@ -77,7 +81,8 @@ class Supervisor:
         """Run the graph; return the exit status, and what went wrong or nothing."""
         before = {s: signal.signal(s, self._on_signal) for s in (signal.SIGINT, signal.SIGTERM)}
         try:
-            with ProcessGroup(self._folder / 'log', self._environment) as self._group:
+            with ProcessGroup(
+                    self._folder / 'log', self._environment, self._server) as self._group:
                 return self._run_processes()
         finally:
             for number, handler in before.items():

@@ -13,10 +13,13 @@ import sys
 import time
 from types import MappingProxyType
 from typing import BinaryIO
+from typing import Protocol
 
 from lowsnr_bringup.plan.graph import Node
+from lowsnr_bringup.run.node_server import NodeServer
+from lowsnr_bringup.run.node_server import ServerGone
 from lowsnr_bringup.run.shared_memory import clear_leftovers
-from lowsnr_common.core.parent import LIFELINE
+from lowsnr_common.core.process_setup import LIFELINE
 
 _TERM_WITHIN_S = 2.0
 _LAST_LINES = 8
@@ -24,12 +27,36 @@ TERMINATED = 128 + signal.SIGTERM
 NONE: Mapping[str, object] = MappingProxyType({})
 
 
+class Process(Protocol):
+    """A process of a node, spawned or forked."""
+
+    @property
+    def pid(self) -> int:
+        """Process id."""
+
+    @property
+    def returncode(self) -> int | None:
+        """Exit status, or the negative signal that killed it; None before :meth:`poll` saw it."""
+
+    def poll(self) -> int | None:
+        """Return the exit status, None while it runs."""
+
+    def wait(self, timeout: float) -> int:
+        """Wait for the end; :class:`subprocess.TimeoutExpired` after so many seconds."""
+
+    def send_signal(self, number: int, /) -> None:
+        """Send a signal, unless the process has ended."""
+
+    def kill(self) -> None:
+        """Send SIGKILL, unless the process has ended."""
+
+
 @dataclass(frozen=True)
 class NodeProcess:
     """A node's process and the file its output goes to."""
 
     node: Node
-    process: subprocess.Popen[bytes]
+    process: Process
     log: Path
 
     def death(self) -> str:
@@ -56,21 +83,25 @@ class ProcessGroup:
     """
     Node processes that live no longer than their starter.
 
-    Each holds the read end of a pipe whose write end only the starter has: when the starter
-    is gone, however it went, the pipe closes and the nodes end themselves.  Use it as a
-    context manager.
+    Each holds the read end of a pipe whose write end only the starter has: when the starter is
+    gone, for whatever reason, the pipe closes and the nodes end themselves.  Use it as a context
+    manager.
 
     Parameters
     ----------
     logs
-        Folder for the log files, made where it is missing.
+        Folder for the log files; it is made if it is missing.
     environment
         Environment of the processes.
+    server
+        Forks the processes; without it, or once it is gone, each starts its own Python.
 
     """
 
-    def __init__(self, logs: Path, environment: Mapping[str, str]) -> None:
-        self._logs = logs
+    def __init__(
+        self, logs: Path, environment: Mapping[str, str], server: NodeServer | None = None,
+    ) -> None:
+        self._logs, self._server = logs, server
         self._environment = dict(environment)
         self._pipe_out, self._pipe_in = os.pipe()
         self.members: list[NodeProcess] = []
@@ -87,33 +118,51 @@ class ProcessGroup:
         self, node: Node, parameter_file: Path, parameters: Mapping[str, object] = NONE,
     ) -> NodeProcess:
         """
-        Start one node with its parameters; its output goes to the end of ``<label>.log``.
+        Start one node; its output is appended to ``<label>.log``.
 
-        ``parameters`` go over those of the file.  A process that the node had before is no
-        longer a member.
+        Parameters
+        ----------
+        node
+            The node.  If it had a process before, that is no longer a member.
+        parameter_file
+            File with its parameters.
+        parameters
+            Values that take precedence over those of the file.
+
+        Raises
+        ------
+        OSError
+            If the log cannot be opened, or the machine has no room for another process.
+
         """
-        command = [sys.executable, '-m', node.module, *node.arguments, '--ros-args',
-                   '--params-file', str(parameter_file), '--enclave', node.path]
+        arguments = [*node.arguments, '--ros-args', '--params-file', str(parameter_file),
+                     '--enclave', node.path]
         for name, value in parameters.items():
-            command += ['-p', f'{name}:={value}']
+            arguments += ['-p', f'{name}:={value}']
         if node.namespace:
-            command += ['-r', f'__ns:={node.namespace}']
+            arguments += ['-r', f'__ns:={node.namespace}']
         for remap in node.remaps:
-            command += ['-r', remap]
+            arguments += ['-r', remap]
         path = self._logs / f'{node.label}.log'
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open('ab') as log:
-            process = self._spawn(command, log)
+            process = self._run(node.module, arguments, log)
         member = NodeProcess(node, process, path)
         self.members = [other for other in self.members if other.node != node] + [member]
         return member
 
-    def _spawn(self, command: list[str], log: BinaryIO) -> subprocess.Popen[bytes]:
+    def _run(self, module: str, arguments: list[str], log: BinaryIO) -> Process:
         """Start a process in a session of its own, so that Ctrl-C reaches the starter only."""
-        environment = {**self._environment, LIFELINE: str(self._pipe_out)}
+        if self._server is not None:
+            try:
+                return self._server.fork(
+                    module, arguments, self._environment, log.fileno(), self._pipe_out)
+            except ServerGone:
+                self._server = None
         return subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
-            env=environment, pass_fds=(self._pipe_out,), start_new_session=True)
+            [sys.executable, '-m', module, *arguments], stdin=subprocess.DEVNULL, stdout=log,
+            stderr=subprocess.STDOUT, env={**self._environment, LIFELINE: str(self._pipe_out)},
+            pass_fds=(self._pipe_out,), start_new_session=True)
 
     def dead(self) -> list[NodeProcess]:
         """Return the members that have ended."""

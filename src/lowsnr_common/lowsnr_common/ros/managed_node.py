@@ -12,7 +12,8 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
-from lowsnr_common.core.parent import follow_parent
+from lowsnr_common.core.process_setup import end_with_starter
+from lowsnr_common.core.process_setup import keep_freed_memory
 from lowsnr_common.core.timeline import StampOrder
 from lowsnr_common.core.timeline import Timeline
 from lowsnr_common.ros.connections import missing_peer
@@ -20,7 +21,6 @@ from lowsnr_common.ros.connections import output_faults
 from lowsnr_common.ros.diagnostics import Health
 from lowsnr_common.ros.inputs import Input
 from lowsnr_common.ros.live_parameters import SettingsNode
-from lowsnr_common.ros.memory import keep_freed_memory
 from lowsnr_common.ros.messages import stamp_key
 from lowsnr_common.ros.parameters import declare
 from lowsnr_common.settings.node_settings import NodeSettings
@@ -219,7 +219,7 @@ def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> 
     A setting out of its bounds ends the process with status 2 and one line, SIGTERM with
     status 143, a node that cannot become active with 1.
     """
-    follow_parent()
+    end_with_starter()
     keep_freed_memory()
     rclpy.init(args=args)
     node = None

@@ -1,0 +1,152 @@
+"""Nodes forked from a server: processes of their own, and no run depends on the server."""
+
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+
+from lowsnr_bringup.plan.graph import Node
+from lowsnr_bringup.run.node_server import ForkedProcess
+from lowsnr_bringup.run.node_server import NodeServer
+from lowsnr_bringup.run.node_server import ServerGone
+from lowsnr_bringup.run.processes import ProcessGroup
+import psutil
+import pytest
+
+# Says what process it is, and ends as its second word asks.
+MODULE = """
+import os
+import sys
+import threading
+import time
+if __name__ == '__main__':
+    from lowsnr_common.core.process_setup import end_with_starter
+    print(sys.argv[1:3], os.getpid(), os.getsid(0), os.environ.get('MARK'),
+          'rclpy' in sys.modules, flush=True)
+    end_with_starter()
+    if sys.argv[2] == 'wait':
+        print('waits', flush=True)
+        time.sleep(600.0)
+    elif sys.argv[2] == 'raise':
+        raise RuntimeError('as asked')
+    sys.exit(int(sys.argv[2]))
+"""
+ENDS_WITHIN_S = 30.0
+
+
+@pytest.fixture
+def environment(tmp_path):
+    """Return an environment in which the module of the test can be imported."""
+    (tmp_path / 'made_for_test.py').write_text(MODULE)
+    return {**os.environ, 'PYTHONPATH': os.pathsep.join([str(tmp_path), *sys.path])}
+
+
+@pytest.fixture
+def server(environment, monkeypatch):
+    """Return a server that imports in this environment."""
+    monkeypatch.setenv('PYTHONPATH', environment['PYTHONPATH'])
+    with NodeServer() as started:
+        yield started
+
+
+def node(word):
+    """Return a node that ends as a word says."""
+    return Node(f'made_{word}', 'made_for_test', '', ('first', word))
+
+
+def wait_for(condition):
+    """Wait until a condition holds."""
+    until = time.monotonic() + ENDS_WITHIN_S
+    while not condition():
+        assert time.monotonic() < until
+        time.sleep(0.01)
+
+
+@pytest.fixture
+def group(tmp_path, environment, server):
+    """Return a group whose processes are forked."""
+    with ProcessGroup(tmp_path / 'log', {**environment, 'MARK': 'mine'}, server) as made:
+        yield made
+
+
+@pytest.mark.parametrize(('word', 'status', 'logged'), [
+    ('0', 0, "['first', '0']"), ('3', 3, "['first', '3']"), ('raise', 1, 'RuntimeError')])
+def test_exit_status_and_output_are_those_of_a_process(group, tmp_path, word, status, logged):
+    member = group.start(node(word), tmp_path / 'none.yaml')
+    assert isinstance(member.process, ForkedProcess)
+    assert member.process.wait(ENDS_WITHIN_S) == status
+    assert group.dead() == [member]
+    assert logged in member.log.read_text()
+
+
+def test_forked_node_is_a_process_of_its_own(group, tmp_path, server):
+    member = group.start(node('wait'), tmp_path / 'none.yaml')
+    wait_for(lambda: 'waits' in member.log.read_text())
+    pid = member.process.pid
+    words, rest = member.log.read_text().splitlines()[0].split('] ')
+    assert words == "['first', 'wait'"
+    # Process id, session, environment, and whether rclpy was there before the node imported it.
+    assert rest.split() == [str(pid), str(pid), 'mine', 'True']
+    assert psutil.Process(pid).ppid() == os.getpid()
+    command = Path(f'/proc/{pid}/cmdline').read_bytes().replace(b'\0', b' ').decode().split()
+    assert command[1:5] == ['-m', 'made_for_test', 'first', 'wait']
+    assert str(tmp_path / 'none.yaml') in command
+    opened = {os.readlink(path) for path in Path(f'/proc/{pid}/fd').iterdir()}
+    assert str(member.log) in opened
+    assert not [path for path in opened if path.startswith('socket:')]
+
+
+@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGTERM])
+def test_signal_that_ended_a_node_is_known(group, tmp_path, number):
+    member = group.start(node('wait'), tmp_path / 'none.yaml')
+    wait_for(lambda: 'waits' in member.log.read_text())
+    os.kill(member.process.pid, number)
+    assert member.process.wait(ENDS_WITHIN_S) == -number
+
+
+@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGTERM])
+def test_nodes_outlive_the_server_and_the_next_are_spawned(group, tmp_path, server, number):
+    before = group.start(node('wait'), tmp_path / 'none.yaml')
+    os.kill(server.process.pid, number)
+    wait_for(lambda: psutil.Process(server.process.pid).status() == psutil.STATUS_ZOMBIE)
+    after = group.start(node('3'), tmp_path / 'none.yaml')
+    assert isinstance(after.process, subprocess.Popen)
+    assert after.process.wait(ENDS_WITHIN_S) == 3
+    assert before.process.poll() is None
+    os.kill(before.process.pid, signal.SIGKILL)
+    assert before.process.wait(ENDS_WITHIN_S) == -signal.SIGKILL
+
+
+def test_server_that_is_gone_says_so(server, environment):
+    server.close()
+    for _ in range(2):
+        with pytest.raises(ServerGone):
+            server.fork('made_for_test', [], environment, 1, 0)
+
+
+STARTER = """
+import sys
+from pathlib import Path
+from lowsnr_bringup.plan.graph import Node
+from lowsnr_bringup.run.node_server import NodeServer
+from lowsnr_bringup.run.processes import ProcessGroup
+import os
+with NodeServer() as server, ProcessGroup(Path(sys.argv[1]), os.environ, server) as group:
+    member = group.start(Node('made', 'made_for_test', '', ('first', 'wait')), Path('none.yaml'))
+    while 'waits' not in member.log.read_text():
+        pass
+    print(member.process.pid, server.process.pid, flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_node_and_server_end_with_a_killed_starter(environment, tmp_path):
+    with subprocess.Popen(
+            [sys.executable, '-c', STARTER, str(tmp_path / 'log')], env=environment, text=True,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE) as starter:
+        pids = [int(word) for word in starter.stdout.readline().split()]
+        assert len(pids) == 2
+        starter.kill()
+    wait_for(lambda: not any(map(psutil.pid_exists, pids)))
