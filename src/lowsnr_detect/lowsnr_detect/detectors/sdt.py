@@ -229,10 +229,10 @@ class SDT(CellDetector):
 
     @property
     def frames_per_declaration(self) -> int:
-        """Return the number of frames that successive declarations share: s_m."""
+        """Return the number of frames over which errors of declarations are correlated: s_m."""
         return self.max_iterations
 
-    @property
+    @functools.cached_property
     def suppressed_reach(self) -> int:
         """Return the cells on each side that a declaration suppresses, blur included."""
         if self.thinning_reach >= 0:
@@ -242,7 +242,7 @@ class SDT(CellDetector):
         return self.sensor.blur_reach + self.radius * min(
             self.max_iterations - 1, 3 if self.max_iterations > 5 else 2)
 
-    @property
+    @functools.cached_property
     def position_std_m(self) -> float:
         """Return the standard deviation of a declared position per axis [m]."""
         # Uniform in the cell, and the distance of the cell from the object's: with s_m = 5 at 6 dB

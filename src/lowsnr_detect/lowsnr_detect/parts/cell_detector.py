@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from dataclasses import field
 from dataclasses import replace
+import functools
 import math
 from typing import Any
 from typing import ClassVar
@@ -46,15 +47,15 @@ class CellDetector:
 
     @property
     def frames_per_declaration(self) -> int:
-        """Return the number of frames whose noise successive declarations of one object share."""
+        """Return the number of frames over which errors of declarations are correlated."""
         return 1
 
-    @property
+    @functools.cached_property
     def suppressed_reach(self) -> int:
         """Return the cells on each side that a declaration suppresses, blur included."""
         return self.thinning_reach + self.sensor.blur_reach
 
-    @property
+    @functools.cached_property
     def position_std_m(self) -> float:
         """Return the standard deviation of a position in its cell, per axis [m]: uniform."""
         return self.sensor.cell_size_m / math.sqrt(12.0)
