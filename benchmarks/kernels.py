@@ -19,7 +19,6 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT / 'test'), *(str(path) for path in (ROOT / 'src').glob('lowsnr_*'))]
 
-from common import numpy_particles  # noqa: E402
 from detect import numpy_detectors  # noqa: E402
 from lowsnr_common.core.motion import MotionModes  # noqa: E402
 from lowsnr_common.core.records import Estimate  # noqa: E402
@@ -34,6 +33,7 @@ from lowsnr_track.pda_mmpf import PdaMmpf  # noqa: E402
 from lowsnr_track.track_management import TrackLife  # noqa: E402
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
+from sensor import numpy_particles  # noqa: E402
 
 SIDES = (20, 64, 256, 1024, 2048)
 DEPTHS = (1, 2, 3, 5, 8, 16)
