@@ -3,7 +3,7 @@
 from contextlib import closing
 import shutil
 
-from conftest import fill
+from disk import fill
 from lowsnr_eval.scoring.growing_file import GrowingFile
 import pytest
 
