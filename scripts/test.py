@@ -42,6 +42,9 @@ def main() -> int:
     start = time.monotonic()
     with started_linters() as linters:
         results = {'pytest': run_tests(pytest_arguments(options) + pytest_args)}
+        if results['pytest'] == INTERRUPTED:
+            print('== interrupted')
+            return INTERRUPTED
         if options.coverage or options.slow:
             print_coverage()
         results |= {linter.name: linter.finish() for linter in linters}
@@ -141,10 +144,7 @@ def print_coverage() -> None:
 def summarize(results: dict[str, int], seconds: float) -> None:
     """Print the one line that says how it went."""
     failed = [name for name, code in results.items() if code]
-    if INTERRUPTED in results.values():
-        verdict = 'interrupted'
-    else:
-        verdict = f'FAILED: {", ".join(failed)}' if failed else f'passed: {", ".join(results)}'
+    verdict = f'FAILED: {", ".join(failed)}' if failed else f'passed: {", ".join(results)}'
     print(f'== {verdict} ({seconds:.0f} s)')
 
 
