@@ -15,12 +15,12 @@ from lowsnr_bringup.run.processes import NodeProcess
 from lowsnr_bringup.run.processes import ProcessGroup
 from lowsnr_bringup.run.respawn_policy import Deaths
 from lowsnr_bringup.run.respawn_policy import RespawnPolicy
+from lowsnr_bringup.run.results_folder import RESTARTS_FILE
 from lowsnr_bringup.run.shared_memory import clear_leftovers
 from lowsnr_bringup.run.shared_memory import close_ports
 from lowsnr_bringup.run.shared_memory import free_ports
 from tqdm import tqdm
 
-RESTARTS_FILE = 'restarts.csv'
 _COLUMNS = ('frame', 'node', 'death', 'down_s')
 # A start may have to calibrate.
 _ACTIVE_WITHIN_S = 600.0

@@ -144,7 +144,6 @@ class Supervisor:
                 continue
             try:
                 self._manager.change(DEACTIVATE, [node], within_s)
-                self.account.summed_up |= node.name == 'evaluator'
             except GraphFailure as error:
                 tqdm.write(f'while stopping: {error}')
 
