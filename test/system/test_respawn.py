@@ -12,11 +12,11 @@ from dying_sender import die_in
 from dying_sender import port_of
 from graph_runs import own_domain
 from graph_runs import start_bringup
-from intruder import INJECTED
 from lowsnr_bringup.run.shared_memory import MUTEXES_AT
 import numpy as np
 import pytest
 from run_checks import check_end
+from tally import FAULTS
 
 NODES = ('sensor_node', 'detector_node', 'tracker_node', 'evaluator_node')
 LABELS = {'detector_node': 'cdt_detector'}
@@ -29,7 +29,7 @@ def end_a_node(run, module, number):
     """End a node and wait until it is back and scores come again."""
     before = len(run.restarts())
     run.kill(module, number)
-    INJECTED[f'{module} ended'] += 1
+    FAULTS[f'{module} ended'] += 1
     run.wait_for_restarts(before + 1)
     run.wait_for_rows(len(run.rows()) + 20)
 
@@ -92,7 +92,7 @@ def test_any_node_may_die_at_any_frame(bringup):
         modules = sorted(run.processes())
         module, pid = modules[rng.integers(len(modules))]
         os.kill(pid, (signal.SIGKILL, signal.SIGTERM)[rng.integers(2)])
-        INJECTED[f'{module} ended'] += 1
+        FAULTS[f'{module} ended'] += 1
         run.wait_for_restarts(number + 1)
     run.wait_for_rows(len(run.rows()) + 40)
     run.process.send_signal(signal.SIGINT)
@@ -112,7 +112,7 @@ def test_a_node_killed_while_it_sent_leaves_nobody_deaf(bringup):
         nodes, before = run.nodes(), len(run.restarts())
         die_in(port_of(nodes[module]), offset)
         os.kill(nodes['detector_node'], signal.SIGKILL)
-        INJECTED['killed while it sent'] += 1
+        FAULTS['killed while it sent'] += 1
         run.wait_for_restarts(before + 1)
         run.wait_for_rows(len(run.rows()) + 20)
     run.process.send_signal(signal.SIGINT)
