@@ -36,7 +36,6 @@ from lowsnr_track.pda_mmpf import PdaMmpf  # noqa: E402
 from lowsnr_track.track_management import TrackLife  # noqa: E402
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
-from sensor import numpy_particles  # noqa: E402
 
 SIDES = (20, 64, 256, 1024, 2048)
 DEPTHS = (1, 2, 3, 5, 8, 16)
