@@ -25,12 +25,14 @@ from dataclasses import field
 from dataclasses import fields
 from dataclasses import is_dataclass
 from dataclasses import replace
-import difflib
+import functools
+from types import MappingProxyType
 from typing import Any
 from typing import get_type_hints
 from typing import TypeVar
 
 from lowsnr_common.settings.declaration import Setting
+from lowsnr_common.settings.text import did_you_mean
 
 T = TypeVar('T')
 _KEY = 'setting'
@@ -95,7 +97,8 @@ def check_settings(instance: Any) -> None:
         object.__setattr__(instance, item.name, value)
 
 
-def declared_settings(cls: type) -> dict[str, Setting]:
+@functools.cache
+def declared_settings(cls: type) -> Mapping[str, Setting]:
     """Return all settings of a class and of its groups by their full name."""
     found = {item.name: item for item in _own_settings(cls)}
     is_fixed = {item.name for item in fields(cls) if _FIXED in item.metadata}
@@ -103,7 +106,7 @@ def declared_settings(cls: type) -> dict[str, Setting]:
         for key, item in declared_settings(group).items():
             full, live = f'{name}.{key}', item.live and name not in is_fixed
             found[full] = replace(item, name=full, live=live)
-    return found
+    return MappingProxyType(found)
 
 
 def check_values(cls: type, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -120,7 +123,7 @@ def check_values(cls: type, values: Mapping[str, Any]) -> dict[str, Any]:
     checked = {}
     for name, value in values.items():
         if name not in declared:
-            raise ValueError(f'{name} is not a setting{_suggestion(name, declared)}')
+            raise ValueError(f'{name} is not a setting{did_you_mean(name, declared)}')
         checked[name] = declared[name].check(value)
     return checked
 
@@ -186,20 +189,17 @@ def _build(cls: type[T], values: Mapping[str, Any]) -> T:
     return cls(**arguments)
 
 
-def _own_settings(cls: type) -> list[Setting]:
+@functools.cache
+def _own_settings(cls: type) -> tuple[Setting, ...]:
     kinds = get_type_hints(cls)
-    return [
+    return tuple(
         Setting(item.name, kinds[item.name], item.default, **item.metadata[_KEY])
         for item in fields(cls)
-        if _KEY in item.metadata
-    ]
+        if _KEY in item.metadata)
 
 
-def _groups(cls: type) -> dict[str, type]:
+@functools.cache
+def _groups(cls: type) -> Mapping[str, type]:
     kinds = get_type_hints(cls)
-    return {item.name: kinds[item.name] for item in fields(cls) if is_dataclass(kinds[item.name])}
-
-
-def _suggestion(name: str, declared: Iterable[str]) -> str:
-    near = difflib.get_close_matches(name, list(declared), n=1)
-    return f'; did you mean {near[0]}?' if near else ''
+    return MappingProxyType({
+        item.name: kinds[item.name] for item in fields(cls) if is_dataclass(kinds[item.name])})
