@@ -33,7 +33,7 @@ import yaml
 
 T = TypeVar('T')
 Values = dict[str, Any]  # parameters by full name, such as 'sensor.snr_db'
-Layer = Mapping[str, Values]  # values by section: EVERY_NODE or the name of a node
+Layer = Mapping[str, Mapping[str, Any]]  # values by section: EVERY_NODE or the name of a node
 EVERY_NODE = '/**'
 MANAGER = 'bringup'  # the node of bring-up itself
 CONDITIONED = '/conditioned/'
