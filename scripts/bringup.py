@@ -129,14 +129,18 @@ def main() -> int:
         os.environ['ROS_DOMAIN_ID'] = str(options.domain_id)
     from lowsnr_bringup.plan.graph import to_yaml
     from lowsnr_bringup.run.domain import claim_domain
+    from lowsnr_bringup.run.middleware import middleware_environment
     from lowsnr_bringup.run.results_folder import fresh_folder
     from lowsnr_bringup.run.results_folder import PARAMETERS_FILE
+    import rclpy
     try:
         plan = plan_of(options)
         claim = claim_domain()
         if options.secure is not None:
             secure(options.secure, [node.path for node in plan.nodes])
         folder = fresh_folder(options.results or ROOT / 'results' / plan.name)
+        os.environ |= middleware_environment(
+            os.environ, folder, rclpy.get_rmw_implementation_identifier())
     except ValueError as error:
         print(f'bringup.py: {error}', file=sys.stderr)
         return USAGE
@@ -183,7 +187,7 @@ def secure(keystore: Path, nodes: list[str]) -> None:
 
 def calibrate(plan: 'RunPlan') -> None:
     """Find the thresholds of matched detectors here, where progress can be shown."""
-    from lowsnr_detect.calibration.calibration import calibrated
+    from lowsnr_detect.calibration.operating_point import calibrated
     from tqdm import tqdm
 
     for path, detector in plan.detectors.items():
@@ -201,19 +205,17 @@ def calibrate(plan: 'RunPlan') -> None:
 
 def run(plan: 'RunPlan', folder: Path) -> int:
     """Start the graph, wait for its end, and print what it scored."""
-    from lowsnr_bringup.bags.recording import bags_of
-    from lowsnr_bringup.bags.recording import describe_bag
+    from lowsnr_bringup.bags.recording import bags_of_run
+    from lowsnr_bringup.bags.recording import summarize_recording
     from lowsnr_bringup.ros.supervisor import Supervisor
-    from lowsnr_bringup.run.middleware import middleware_environment
     from lowsnr_eval.report.table import format_table
-    from lowsnr_eval.scoring.final_summary import sum_up
+    from lowsnr_eval.scoring.final_summary import summarize_run
 
     patience_s = plan.parameters['/evaluator']['answer_within_s'] + 2.0
-    os.environ |= middleware_environment(os.environ, folder, plan.frame_bytes)
     supervisor = Supervisor(plan.nodes, folder, plan.frames, patience_s, plan.respawn)
     status, trouble = supervisor.run()
     try:
-        sum_up(plan.parameters['/evaluator'], supervisor.account)
+        summarize_run(folder, plan.parameters['/evaluator'], supervisor.account)
     except (OSError, ValueError) as error:
         print(f'bringup.py: no summary: {" ".join(str(error).split())}', file=sys.stderr)
     summary = folder / 'summary.json'
@@ -223,7 +225,8 @@ def run(plan: 'RunPlan', folder: Path) -> int:
         print(f'bringup.py: {trouble}', file=sys.stderr)
     print(f'results in {folder}')
     if '/recorder' in plan.parameters:
-        print(*map(describe_bag, bags_of(Path(plan.parameters['/recorder']['bag']))), sep='\n')
+        for bag in bags_of_run(Path(plan.parameters['/recorder']['bag'])):
+            print(summarize_recording(bag))
     if summary.is_file():
         report(folder)
     return status

@@ -1,6 +1,7 @@
-"""Score the detections and tracks of a recorded run against its truth; no node is started."""
+"""Score a recorded run against its truth, or complete the results of a run that was killed."""
 
 import argparse
+from contextlib import closing
 from dataclasses import replace
 import json
 from pathlib import Path
@@ -25,18 +26,21 @@ def parse_arguments(arguments: list[str]) -> argparse.Namespace:
     """Return the options; ``--help`` and errors end here."""
     parser = Parser(
         prog='evaluate.py', description=__doc__, allow_abbrev=False,
-        epilog='example: python scripts/evaluate.py bags/monday; exit code: 0 done, 2 usage '
-        'error or a bag that cannot be scored, 130 after Ctrl-C')
-    parser.add_argument('bag', type=Path, metavar='BAG', help='folder of a rosbag2 bag, or a file')
+        epilog='example: python scripts/evaluate.py bags/monday; it starts no node; exit code: 0 '
+        'done, 2 usage error or a bag that cannot be scored, 130 after Ctrl-C')
+    parser.add_argument(
+        'bag', type=Path, metavar='BAG',
+        help='folder of a rosbag2 bag, or a file; or the results folder of a run, which gets the '
+        'summary and the report of all that was scored')
     parser.add_argument(
         '--results', type=Path, metavar='DIR',
         help='folder for results (default: results/BAG-evaluated, or that with a number)')
     parser.add_argument(
         '--frames-topic', metavar='TOPIC',
-        help='topic of the frames, for the report (default: those that detectors took)')
+        help='topic of the frames, for the report (default: the one that the detectors read)')
     parser.add_argument(
         '--truth-topic', metavar='TOPIC',
-        help='topic of the truth (default: /ground_truth, or conditioned)')
+        help='topic of the truth (default: /ground_truth, or /conditioned/ground_truth)')
     return parser.parse_args(arguments)
 
 
@@ -45,13 +49,21 @@ def main() -> int:
     _environment.ensure()
     options = parse_arguments(sys.argv[1:])
     from lowsnr_bringup.bags.reader import Bag
+    from lowsnr_bringup.run.results_folder import FRAMES_FILE
+    from lowsnr_eval.scoring.final_summary import summarize_folder
     try:
-        with Bag(options.bag) as bag:
-            folder = score(bag, options)
-            for note in bag.notes:
-                print(f'evaluate.py: {note}', file=sys.stderr)
-    except ValueError as error:
-        print(f'evaluate.py: {error}', file=sys.stderr)
+        if (options.bag / FRAMES_FILE).is_file():
+            folder = options.bag
+            if options.results or options.frames_topic or options.truth_topic:
+                raise ValueError(f'{folder}: is a results folder; options are for bags')
+            summarize_folder(folder)
+        else:
+            with Bag(options.bag) as bag:
+                folder = score(bag, options)
+                for note in bag.notes:
+                    print(f'evaluate.py: {note}', file=sys.stderr)
+    except (OSError, ValueError) as error:
+        print(f'evaluate.py: {" ".join(str(error).split())}', file=sys.stderr)
         return USAGE
     report(folder)
     return DONE
@@ -61,11 +73,14 @@ def score(bag: 'Bag', options: argparse.Namespace) -> Path:
     """Score a bag; return the folder of the results."""
     from lowsnr_bringup.bags.recording import CUSTOM_PARAMETERS
     from lowsnr_bringup.plan.config_files import load_config
+    from lowsnr_bringup.run.results_folder import Account
     from lowsnr_bringup.run.results_folder import fresh_folder
     from lowsnr_bringup.run.results_folder import PARAMETERS_FILE
-    from lowsnr_eval.ros.recorded_messages import feed
+    from lowsnr_eval.ros.recorded_messages import score_bag
+    from lowsnr_eval.scoring.final_summary import summarize
+    from lowsnr_eval.scoring.final_summary import write_summary
     from lowsnr_eval.scoring.recorded_chains import find_chains
-    from lowsnr_eval.scoring.run_scoring import Judge
+    from lowsnr_eval.scoring.run_scoring import RunScorer
 
     chains = find_chains(bag, load_config(CONFIG), options.frames_topic, options.truth_topic)
     folder = fresh_folder(
@@ -73,9 +88,11 @@ def score(bag: 'Bag', options: argparse.Namespace) -> Path:
     run = replace(chains.run, results=str(folder))
     if CUSTOM_PARAMETERS in bag.custom:
         (folder / PARAMETERS_FILE).write_text(bag.custom[CUSTOM_PARAMETERS], encoding='utf-8')
-    with Judge(run, chains.evaluation, chains.seed, bag.notes.append) as judge:
-        feed(bag, chains, judge)
-        judge.write_summary()
+    scorer = RunScorer(run, chains.evaluation, lambda sentence, _: bag.notes.append(sentence))
+    with closing(scorer):
+        score_bag(bag, chains, scorer)
+    write_summary(folder, summarize(
+        folder, run, chains.evaluation, chains.seed, Account(scorer.published)))
     return folder
 
 

@@ -1,4 +1,4 @@
-"""SDT decides as the enumeration of every path does, and as CDT where it has one frame."""
+"""SDT decides as the enumeration of every path does, and with one frame as CDT does."""
 
 from dataclasses import replace
 import itertools
@@ -9,8 +9,8 @@ from lowsnr_common.core.destination import Destination
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_detect.detectors.cdt import CDT
 from lowsnr_detect.detectors.sdt import SDT
-from lowsnr_detect.parts.destination_moves import favoured_cells
-from lowsnr_detect.parts.destination_moves import favoured_moves
+from lowsnr_detect.parts.destination_moves import cell_likelihoods
+from lowsnr_detect.parts.destination_moves import move_likelihoods
 from lowsnr_detect.parts.moves import move_model
 from lowsnr_detect.parts.wald_bounds import wald_bounds
 import numpy as np
@@ -33,7 +33,7 @@ def declared_cells(detector, frames):
 
 
 def declare_all(detector, frames):
-    """Return what a detector declares of each frame (..., K, rows, cols)."""
+    """Return the declarations of each frame (..., K, rows, cols)."""
     state = detector.init((*frames.shape[:-3], *frames.shape[-2:]))
     answers = []
     for k in range(frames.shape[-3]):
@@ -121,7 +121,7 @@ def test_nominal_bounds_are_walds():
 
 @pytest.mark.parametrize('arrival', [3, 5, 20])
 def test_with_a_destination_the_best_of_all_paths_counts(rng, arrival):
-    # No path is dropped or closed: the bounds are out of reach.
+    # The bounds are out of reach, so that no path is dropped or declared early.
     to = Destination(probability=0.9, x_m=2.0, y_m=3.0, std_m=0.8, arrival_frame=arrival)
     detector = SDT(sensor=SENSOR, max_iterations=3, move_prior=True, destination=to,
                    threshold=1e6, beta=1e-200)
@@ -135,12 +135,12 @@ def test_with_a_destination_the_best_of_all_paths_counts(rng, arrival):
         for start, *moves in itertools.product(np.ndindex(*SHAPE), range(9), range(9)):
             cell, total = np.array(start), ratio[last - 2][start]
             if to.is_ahead(last - 1):
-                total += math.log(favoured_cells(*known, last - 1, SHAPE)[0, 0][start])
+                total += math.log(cell_likelihoods(*known, last - 1, SHAPE)[0, 0][start])
             for number, move in zip((last, last + 1), moves):
                 prob = model.kernel[0, move, 0]
                 if to.is_ahead(number):
-                    favour, mean = favoured_moves(*known, number, SHAPE)
-                    prob *= favour[0, move, *cell] / mean[0, 0, *cell]
+                    factor, mean = move_likelihoods(*known, number, SHAPE)
+                    prob *= factor[0, move, *cell] / mean[0, 0, *cell]
                 cell = cell + model.moves[move]
                 if not np.all((cell >= 0) & (cell < SHAPE)):
                     break
@@ -151,5 +151,5 @@ def test_with_a_destination_the_best_of_all_paths_counts(rng, arrival):
 
 
 def test_destination_needs_the_move_prior():
-    with pytest.raises(ValueError, match='SDT.move_prior = False, must be true'):
+    with pytest.raises(ValueError, match='SDT.move_prior'):
         SDT(destination=Destination(probability=0.5))

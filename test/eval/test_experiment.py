@@ -18,11 +18,11 @@ from lowsnr_eval.study.offline_chain import group_by_statistic
 from lowsnr_eval.study.offline_chain import of_run
 from lowsnr_eval.study.offline_chain import RunStreams
 from lowsnr_eval.study.offline_chain import track
-from lowsnr_sensor.paths import Leg
-from lowsnr_sensor.paths import Start
 from lowsnr_sensor.scenario import Scenario
 from lowsnr_sensor.scenario import ScenarioObject
 from lowsnr_sensor.simulator import simulate_frames
+from lowsnr_sensor.trajectories import Leg
+from lowsnr_sensor.trajectories import Start
 from lowsnr_track.pda_mmpf import PdaMmpf
 import numpy as np
 import pytest

@@ -1,9 +1,11 @@
-"""A file that only grows: nothing is lost on a full disk, nor with the folder."""
+"""A file that only grows loses nothing on a full disk, nor with its folder."""
 
 from contextlib import closing
+import errno
 import shutil
 
-from conftest import fill
+from disk import fill
+from lowsnr_eval.scoring import growing_file
 from lowsnr_eval.scoring.growing_file import GrowingFile
 import pytest
 
@@ -14,17 +16,18 @@ def test_pieces_are_on_disk_at_once(tmp_path):
             file.append(piece)
         assert (tmp_path / 'file').read_bytes() == b'one\ntwo\n'
         assert file.size == 8
-        assert file.settle() == ''
+        assert file.flush() is None
 
 
-def test_what_is_there_is_not_written_over(tmp_path):
+def test_a_file_that_is_not_empty_is_left_alone(tmp_path):
     (tmp_path / 'file').write_bytes(b'mine')
-    with pytest.raises(FileExistsError, match='file holds earlier results'):
+    with pytest.raises(FileExistsError) as caught:
         GrowingFile(tmp_path / 'file')
+    assert caught.value.errno == errno.EEXIST
     assert (tmp_path / 'file').read_bytes() == b'mine'
 
 
-def test_a_second_life_goes_on_where_it_is_told(tmp_path):
+def test_an_earlier_file_continues_at_its_end(tmp_path):
     (tmp_path / 'file').write_bytes(b'one\ntw')
     with closing(GrowingFile(tmp_path / 'file', 4)) as file:
         file.append(b'two\n')
@@ -32,7 +35,7 @@ def test_a_second_life_goes_on_where_it_is_told(tmp_path):
 
 
 @pytest.mark.parametrize('removed', ['file', 'folder', 'replaced', 'in the way'])
-def test_what_is_removed_comes_back_with_all_it_held(tmp_path, removed):
+def test_a_file_that_is_removed_is_recreated_with_all_it_held(tmp_path, removed):
     folder = tmp_path / 'deep' / 'folder'
     folder.mkdir(parents=True)
     file = GrowingFile(folder / 'file')
@@ -47,11 +50,13 @@ def test_what_is_removed_comes_back_with_all_it_held(tmp_path, removed):
     if removed == 'in the way':
         (tmp_path / 'deep').write_bytes(b'')
     file.append(b'meanwhile\n')
-    trouble = file.settle()
+    fault = file.flush()
     if removed == 'in the way':
-        assert trouble.startswith(f'{folder / "file"}: ')
+        assert fault.path == folder / 'file'
+        assert fault.error.errno in (errno.EEXIST, errno.ENOTDIR)
         (tmp_path / 'deep').unlink()
-        assert file.settle() == ''
+        fault = file.flush()
+    assert fault is None
     file.append(b'after\n')
     file.close()
     assert (folder / 'file').read_bytes() == b'before\nmeanwhile\nafter\n'
@@ -65,10 +70,28 @@ def test_nothing_is_lost_on_a_full_disk(small_disk):
     pieces = [f'{number}\n'.encode() * 5 for number in range(1000)]
     for piece in pieces:
         file.append(piece)
-    assert file.settle() == (
-        f'{small_disk / "file"}: No space left on device; '
-        f'{file.size - (small_disk / "file").stat().st_size} bytes wait for room')
+    fault = file.flush()
+    assert (fault.path, fault.error.errno, fault.lost) == (small_disk / 'file', errno.ENOSPC, 0)
+    assert fault.waiting == file.size - (small_disk / 'file').stat().st_size > 0
+    assert str(fault.path) in str(fault)
     ballast.unlink()
-    assert file.settle() == ''
+    assert file.flush() is None
     file.close()
     assert (small_disk / 'file').read_bytes() == b''.join(pieces)
+
+
+def test_pieces_beyond_what_may_wait_are_counted_as_lost(small_disk, monkeypatch):
+    monkeypatch.setattr(growing_file, '_MOST_WAITING', 5000)
+    file = GrowingFile(small_disk / 'file')
+    ballast = small_disk / 'ballast'
+    fill(ballast)
+    piece = b'x' * 999 + b'\n'
+    for _ in range(20):
+        file.append(piece)
+    lost = file.flush().lost
+    assert lost >= 10
+    ballast.unlink()
+    fault = file.flush()
+    assert (fault.error, fault.waiting, fault.lost) == (None, 0, lost)
+    file.close()
+    assert (small_disk / 'file').read_bytes() == piece * (20 - lost)

@@ -137,10 +137,10 @@ def test_figures_of_nothing_do_not_exist():
     assert RootMeanSquare().value is None
 
 
-def test_root_mean_square_adds_up_piece_by_piece(rng):
+def test_root_mean_square_adds_up_group_by_group(rng):
     errors, parts = rng.standard_normal(50), RootMeanSquare()
     for piece in np.split(errors, [3, 3, 20]):
-        parts.add(piece)
+        parts.add(root_mean_square(piece), len(piece))
     expected = np.sqrt(np.mean(errors**2))
     assert parts.value == pytest.approx(expected)
     assert parts.count == 50

@@ -1,22 +1,26 @@
 """The report of a run, and the animation in it, in a real browser."""
 
+from contextlib import closing
 import json
 import re
 
 from browser import browser
+from lowsnr_bringup.run.results_folder import Account
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.core.records import Truth
 from lowsnr_common.settings.node_settings import Evaluation
+from lowsnr_common.settings.node_settings import RunSettings
 from lowsnr_eval.report.run_report import write_run_report
 from lowsnr_eval.scoring import scene as scene_module
+from lowsnr_eval.scoring.final_summary import summarize
+from lowsnr_eval.scoring.final_summary import write_summary
 from lowsnr_eval.scoring.frame_scoring import Answer
-from lowsnr_eval.scoring.results import ResultsWriter
-from lowsnr_eval.scoring.results import summarize
+from lowsnr_eval.scoring.frame_scoring import score_frame
 from lowsnr_eval.scoring.scene import read_scene
 from lowsnr_eval.scoring.scene import reduced
 from lowsnr_eval.scoring.scene import reduction
 from lowsnr_eval.scoring.scene import SceneWriter
-from lowsnr_eval.scoring.tallies import Scoreboard
+from lowsnr_eval.scoring.score_tables import ScoreTables
 import numpy as np
 import pytest
 
@@ -33,18 +37,19 @@ def tracked(x, y, name=''):
 
 def score(folder, frames):
     """Score frames of (truth, answer) as the evaluator does."""
-    board = Scoreboard(Evaluation(), ['sdt'])
-    with ResultsWriter(folder) as writer:
+    with closing(ScoreTables(folder, ['sdt'])) as tables:
         for k, (truth, answer) in enumerate(frames, start=1):
-            writer.add_scores(board.score_frame(k, float(k), truth, {'sdt': answer}))
-        writer.write_summary(summarize(board, scenario='made up', seed=0, published=len(frames)))
+            answers = {'sdt': answer}
+            tables.add(score_frame(k, float(k), truth, answers, Evaluation()), answers)
+    write_summary(folder, summarize(
+        folder, RunSettings(scenario='made up'), Evaluation(), 0, Account(len(frames))))
 
 
 @pytest.fixture
 def folder(tmp_path, rng):
     """Return the results of a run of one object, seen from frame 3 on."""
     frames = []
-    with SceneWriter(tmp_path, 1.0) as scene:
+    with closing(SceneWriter(tmp_path, 1.0)) as scene:
         for k in range(1, FRAMES + 1):
             truth = [Truth('</script>', np.array([k / 2, 0.5, 3.0, 0.0]))] if k > 2 else []
             found = [tracked(k / 2, 3.2)] if k > 3 else []
@@ -52,8 +57,8 @@ def folder(tmp_path, rng):
             frame = rng.standard_normal(SHAPE)
             # The first cell is black in odd frames and white in even ones.
             frame[0, 0] = 9.0 if k % 2 == 0 else -9.0
-            scene.see(k, frame)
-            scene.say(k, k, truth, {'sdt': answer})
+            scene.add_frame(k, frame)
+            scene.add_answers(k, k, truth, {'sdt': answer})
             frames.append((truth, answer))
     score(tmp_path, frames)
     (tmp_path / 'parameters.yaml').write_text('a: <b>\n')
@@ -70,35 +75,36 @@ def test_scene_is_read_back(folder):
 
 
 def test_marks_are_in_cells_and_those_without_a_place_are_left_out(tmp_path):
-    with SceneWriter(tmp_path, 0.5) as scene:
-        scene.see(1, np.zeros(SHAPE))
-        scene.say(1, 1, [], {'sdt': Answer([tracked(1.0, 2.0), tracked(np.nan, 2.0)], None)})
+    with closing(SceneWriter(tmp_path, 0.5)) as scene:
+        scene.add_frame(1, np.zeros(SHAPE))
+        scene.add_answers(
+            1, 1, [], {'sdt': Answer([tracked(1.0, 2.0), tracked(np.nan, 2.0)], None)})
     lines, _ = read_scene(tmp_path)
     assert lines[0]['chains']['sdt'] == {'detections': [[2.0, 4.0, '']], 'tracks': []}
 
 
 def test_frame_and_its_marks_arrive_in_any_order(tmp_path):
-    with SceneWriter(tmp_path, 1.0) as scene:
-        scene.say(1, 10, [], {})
-        scene.see(10, np.full(SHAPE, 1.0))
-        scene.see(20, np.full(SHAPE, 2.0))
-        scene.say(2, 20, [], {})
-        scene.say(3, 30, [], {})  # its frame does not come
-        scene.see(35, np.full(SHAPE, 3.5))  # nothing is said of this one
-        scene.see(40, np.full(SHAPE, 4.0))
-        scene.say(4, 40, [], {})
-        scene.say(5, 50, [], {})  # nor does this one's, to the end
+    with closing(SceneWriter(tmp_path, 1.0)) as scene:
+        scene.add_answers(1, 10, [], {})
+        scene.add_frame(10, np.full(SHAPE, 1.0))
+        scene.add_frame(20, np.full(SHAPE, 2.0))
+        scene.add_answers(2, 20, [], {})
+        scene.add_answers(3, 30, [], {})  # its frame does not come
+        scene.add_frame(35, np.full(SHAPE, 3.5))  # nothing is said of this one
+        scene.add_frame(40, np.full(SHAPE, 4.0))
+        scene.add_answers(4, 40, [], {})
+        scene.add_answers(5, 50, [], {})  # nor does this one's, to the end
     lines, frames = read_scene(tmp_path)
     assert [line['frame'] for line in lines] == [1, 2, 3, 4, 5]
     assert [None if f is None else f[0, 0] for f in frames] == [1.0, 2.0, None, 4.0, None]
 
 
 def test_frames_that_wait_for_their_marks_are_bounded(tmp_path):
-    with SceneWriter(tmp_path, 1.0) as scene:
+    with closing(SceneWriter(tmp_path, 1.0)) as scene:
         for k in range(1000):
-            scene.see(k, np.zeros(SHAPE))
+            scene.add_frame(k, np.zeros(SHAPE))
         for k in range(1000):
-            scene.say(k, k, [], {})
+            scene.add_answers(k, k, [], {})
     lines, frames = read_scene(tmp_path)
     assert len(lines) == 1000
     assert sum(frame is not None for frame in frames) == scene_module.WAITING
@@ -116,11 +122,11 @@ def test_large_frame_is_reduced_to_its_brightest_cells(rng):
 @pytest.mark.parametrize('frame', [np.zeros((30, 40)), None])
 def test_scene_on_disk_is_bounded(tmp_path, monkeypatch, frame):
     monkeypatch.setattr(scene_module, '_BUDGET', 10_000)
-    with SceneWriter(tmp_path, 1.0) as scene:
+    with closing(SceneWriter(tmp_path, 1.0)) as scene:
         for k in range(1, 1001):
             if frame is not None:
-                scene.see(k, frame)
-            scene.say(k, k, [], {'sdt': Answer([tracked(1.0, 2.0)], [])})
+                scene.add_frame(k, frame)
+            scene.add_answers(k, k, [], {'sdt': Answer([tracked(1.0, 2.0)], [])})
     assert scene.full
     lines, _ = read_scene(tmp_path)
     assert 1 < len(lines) < 1000
@@ -130,11 +136,11 @@ def test_scene_on_disk_is_bounded(tmp_path, monkeypatch, frame):
 
 def test_full_disk_ends_the_scene_and_nothing_else(tmp_path):
     (tmp_path / 'frames.f32').symlink_to('/dev/full')
-    with SceneWriter(tmp_path, 1.0) as scene:
-        scene.see(1, np.zeros(SHAPE))
-        scene.say(1, 1, [], {})
+    with closing(SceneWriter(tmp_path, 1.0)) as scene:
+        scene.add_frame(1, np.zeros(SHAPE))
+        scene.add_answers(1, 1, [], {})
         assert scene.full
-        scene.say(2, 2, [], {})
+        scene.add_answers(2, 2, [], {})
     assert (tmp_path / 'scene.jsonl').read_text() == ''
 
 
@@ -158,9 +164,9 @@ def test_report_holds_command_parameters_and_figures(folder):
 
 def test_report_states_what_it_leaves_out(tmp_path, monkeypatch):
     monkeypatch.setattr(scene_module, '_MOST_CELLS', 20)
-    with SceneWriter(tmp_path, 1.0) as scene:
-        scene.see(1, np.zeros(SHAPE))
-        scene.say(1, 1, [], {})
+    with closing(SceneWriter(tmp_path, 1.0)) as scene:
+        scene.add_frame(1, np.zeros(SHAPE))
+        scene.add_answers(1, 1, [], {})
     score(tmp_path, [([], Answer([], []))] * 3)
     report = write_run_report(tmp_path, 'again').read_text()
     assert ' 1 of 3 frames' in report
@@ -217,11 +223,11 @@ def test_animation_steps_in_a_browser_and_asks_for_nothing(folder, tmp_path, req
 
 
 def test_animation_of_frames_that_are_missing_or_change_their_size(tmp_path, require_program):
-    with SceneWriter(tmp_path, 1.0) as scene:
+    with closing(SceneWriter(tmp_path, 1.0)) as scene:
         for k, shape in enumerate((None, SHAPE, None, (14, 10)), start=1):
             if shape:
-                scene.see(k, np.zeros(shape))
-            scene.say(k, k, [], {'b': Answer([tracked(1.0, 2.0)], []), 'a': Answer()})
+                scene.add_frame(k, np.zeros(shape))
+            scene.add_answers(k, k, [], {'b': Answer([tracked(1.0, 2.0)], []), 'a': Answer()})
     score(tmp_path, [([], Answer([], []))] * 4)
     report = write_run_report(tmp_path, 'again')
     with browser(require_program('chromium'), tmp_path / 'profile') as page:

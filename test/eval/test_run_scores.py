@@ -33,7 +33,7 @@ def test_scores_are_those_of_single_frames(rng):
         one = compare(objects, found, evaluation)
         assert scores.present[run, k] == len(objects)
         assert scores.declared[run, k] == one.declared
-        assert scores.hit[run, k] == len(one.hit)
+        assert scores.hit[run, k] == len(one.hit_ids)
         assert scores.false_alarms[run, k] == one.false_alarms
         assert scores.gospa_m[run, k] == pytest.approx(one.gospa_m)
         position, velocity = scores.position_error_m[run, k], scores.velocity_error_mps[run, k]

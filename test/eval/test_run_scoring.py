@@ -1,12 +1,16 @@
 """Scoring from messages: with truth, without, and what is written of it."""
 
-import json
+from pathlib import Path
 
+from lowsnr_bringup.run.results_folder import Account
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.node_settings import RunSettings
 from lowsnr_eval.report.table import format_table
-from lowsnr_eval.scoring.run_scoring import Judge
+from lowsnr_eval.scoring.final_summary import summarize
+from lowsnr_eval.scoring.frame_join import Arrival
+from lowsnr_eval.scoring.run_scoring import NO_TRUTH
+from lowsnr_eval.scoring.run_scoring import RunScorer
 from lowsnr_eval.scoring.run_scoring import TRUTH
 import numpy as np
 import pytest
@@ -19,22 +23,32 @@ def entry(shift=0.0, name=''):
     return Estimate(STATE + shift, np.zeros((4, 4)), 1.0, name)
 
 
+class Scorer(RunScorer):
+    """A scorer with the reasons of what it rejects, and its summary."""
+
+    def __init__(self, folder, resumed=False, **settings):
+        self.settings = RunSettings(results=str(folder), scenario='s', **settings)
+        self.rejected = []
+        super().__init__(
+            self.settings, Evaluation(), lambda *why: self.rejected.append(why), resumed)
+
+    def summary(self):
+        return summarize(Path(self.settings.results), self.settings, Evaluation(), 4,
+                         Account(self.published))
+
+
 @pytest.fixture
-def judge(tmp_path):
-    """Return a function that makes a judge; what it refuses is in ``judge.refused``."""
+def scorer(tmp_path):
+    """Return a function that makes a scorer."""
     made = []
 
-    def make(folder='run', resumed=False, **settings):
-        refused = []
-        made.append(Judge(
-            RunSettings(results=str(tmp_path / folder), scenario='s', **settings), Evaluation(), 4,
-            refused.append, resumed))
-        made[-1].refused = refused
+    def make(folder='run', **settings):
+        made.append(Scorer(tmp_path / folder, **settings))
         return made[-1]
 
     yield make
     for item in made:
-        item.__exit__(None, None, None)
+        item.close()
 
 
 def answer(one, k, shift):
@@ -50,33 +64,32 @@ def rows(folder):
     return [line.split(',') for line in (folder / 'frames.csv').read_text().splitlines()[1:]]
 
 
-def test_frame_is_scored_when_all_have_answered(judge, tmp_path):
-    one = judge()
+def test_frame_is_scored_when_all_chains_have_answered(scorer, tmp_path):
+    one = scorer()
     assert one.topics == [TRUTH, 'detections', 'tracks']
     one.add_state(TRUTH, SECOND, entry(name='a'))
     one.add_array(TRUTH, SECOND, [entry(name='a')], 10.0)
     one.add_array('detections', SECOND, [entry(0.1), entry(9.0)], 10.1)
     assert one.score() == []
     one.add_array('tracks', SECOND, [], 10.25)
-    (judged,) = one.score()
-    assert (judged.stamp, judged.number) == (SECOND, 1)
-    assert judged.answers['sdt'].latency_ms == pytest.approx(250.0)
-    assert judged.answers['sdt'].detection_ms == pytest.approx(100.0)
+    (scored,) = one.score()
+    assert (scored.stamp, scored.number) == (SECOND, 1)
+    assert scored.answers['sdt'].latency_ms == pytest.approx(250.0)
+    assert scored.answers['sdt'].detection_ms == pytest.approx(100.0)
     assert [row[4:8] for row in rows(tmp_path / 'run')] == [
         ['1', '2', '1', '1'], ['1', '0', '0', '0']]
-    assert not one.add_array('tracks', SECOND, [], 11.0)
+    assert one.add_array('tracks', SECOND, [], 11.0) is Arrival.LATE
 
 
-def test_without_truth_declarations_are_counted_and_nothing_else(judge, tmp_path):
-    one = judge(truth=False, detectors=('cdt', 'sdt'), namespaces=True,
+def test_without_truth_only_declarations_are_counted(scorer, tmp_path):
+    one = scorer(truth=False, detectors=('cdt', 'sdt'), namespaces=True,
                 operating_points=('nominal', 'matched'))
     assert one.topics == ['cdt/detections', 'cdt/tracks', 'sdt/detections', 'sdt/tracks']
     for k in (1, 2):
         for topic in one.topics:
             one.add_array(topic, k * SECOND, [entry()] * k * ('cdt' in topic), float(k))
-    assert [judged.number for judged in one.score()] == [1, 2]
-    one.write_summary()
-    summary = json.loads((tmp_path / 'run' / 'summary.json').read_text())
+    assert [scored.number for scored in one.score()] == [1, 2]
+    summary = one.summary()
     assert summary['frames'] == {'published': 2, 'scored': 2, 'unanswered': 0, 'unseen': 0}
     assert summary['detectors']['cdt']['operating_point'] == 'nominal'
     for name, declared in (('cdt', 3), ('sdt', 0)):
@@ -93,23 +106,24 @@ def test_without_truth_declarations_are_counted_and_nothing_else(judge, tmp_path
     assert 'None' not in text
 
 
-def test_answers_without_their_truth_are_refused_by_stamp(judge):
-    one = judge()
+def test_frame_without_its_truth_is_rejected_with_a_reason(scorer):
+    one = scorer()
     for topic in ('detections', 'tracks'):
         one.add_array(topic, SECOND, [], 1.0)
     for topic in one.topics:
         one.add_array(topic, 2 * SECOND, [], 2.0)
-    assert [judged.stamp for judged in one.score()] == [2 * SECOND]
-    assert one.refused == ['answers to stamp 1 s, of which no truth came']
+    assert [scored.stamp for scored in one.score()] == [2 * SECOND]
+    (sentence, reason), = one.rejected
+    assert reason == NO_TRUTH
+    assert ' 1 s ' in sentence
 
 
-def test_frame_that_waited_too_long_is_unanswered(judge, tmp_path):
-    one = judge()
+def test_frame_that_waited_too_long_is_unanswered(scorer, tmp_path):
+    one = scorer()
     one.add_array(TRUTH, SECOND, [], 1.0)
     assert one.score(older_than_s=0.5) == []
     assert len(one.score(older_than_s=1.5)) == 1
-    one.write_summary()
-    summary = json.loads((tmp_path / 'run' / 'summary.json').read_text())
+    summary = one.summary()
     assert summary['frames'] == {'published': 1, 'scored': 0, 'unanswered': 1, 'unseen': 0}
     assert [row[5:] for row in rows(tmp_path / 'run')] == [[''] * 9] * 2
 
@@ -117,86 +131,95 @@ def test_frame_that_waited_too_long_is_unanswered(judge, tmp_path):
 SHIFTS = (9.0, 0.1, 0.2, 0.4, 0.3, 0.8)
 
 
-def broken_run(judge, folder, checkpoint):
-    """Score six frames in two lives, the first of which ends while it writes the fifth."""
-    first = judge(folder.name)
-    for k, shift in enumerate(SHIFTS[:4], start=1):
-        answer(first, k, shift)
-        first.score()
-        if k == {'early': 2, 'late': 4, 'damaged': 4}.get(checkpoint):
-            first.settle()
-    if checkpoint == 'damaged':
-        (folder / 'checkpoint.json').write_text('{"ends": [')
-    with (folder / 'frames.csv').open('a') as file:
-        file.write('5,5.0,sdt,detection,1,2,1')
-    second = judge(folder.name, resumed=True)
-    assert second.number == second.published == 4
-    for k, shift in enumerate(SHIFTS[4:], start=5):
-        answer(second, k, shift)
-        second.score()
-    second.settle()
+def score_all(one, shifts, first=1):
+    """Score a frame for each shift of the estimates from the object."""
+    for k, shift in enumerate(shifts, start=first):
+        answer(one, k, shift)
+        one.score()
 
 
-def figures(folder):
-    """Return the summary's figures, without null and flat."""
-    summary = json.loads((folder / 'summary.json').read_text())
-    chain = summary['detectors']['sdt']
-    return summary['frames'] | {
-        (level, name): value for level in ('detection', 'tracking')
-        for name, value in chain[level].items() if isinstance(value, (int, float))
-    } | {('latency', name): value for name, value in chain['latency_ms'].items()}
+@pytest.fixture
+def unbroken(scorer, tmp_path):
+    """Return the folder and the summary of six frames that one process scored."""
+    one = scorer('unbroken')
+    score_all(one, SHIFTS)
+    return tmp_path / 'unbroken', one.summary()
 
 
-@pytest.mark.parametrize('checkpoint', ['none', 'early', 'late', 'damaged'])
-def test_a_second_life_goes_on_from_what_the_first_had_scored(judge, tmp_path, checkpoint):
-    broken, unbroken = tmp_path / 'broken', tmp_path / 'unbroken'
-    broken_run(judge, broken, checkpoint)
-    other = judge('unbroken')
-    for k, shift in enumerate(SHIFTS, start=1):
-        answer(other, k, shift)
-        other.score()
-    other.settle()
-    for name in ('frames.csv', 'latency.csv'):
-        assert (broken / name).read_bytes() == (unbroken / name).read_bytes()
-    assert len(figures(broken)) > 30
-    # frames.csv has nine digits, latency.csv three behind the point.
-    assert figures(broken) == pytest.approx(figures(unbroken), rel=1e-5)
+def cut(path, count):
+    """Cut bytes off the end of a file."""
+    path.write_bytes(path.read_bytes()[:-count])
 
 
-def test_a_second_life_refuses_what_the_first_has_answered(judge):
-    first = judge()
-    answer(first, 1, 0.1)
-    first.score()
-    second = judge(resumed=True)
-    assert not second.add_array('tracks', SECOND, [], 9.0)
-    assert second.add_array('tracks', 2 * SECOND, [], 9.0)
+# How the first process left its tables after it had scored four frames, and the last whole one.
+DEATHS = {
+    'between two frames': (lambda folder: None, 4),
+    'within a line': (lambda folder: cut(folder / 'frames.csv', 10), 3),
+    'between two lines': (lambda folder: cut(folder / 'frames.csv', len(
+        (folder / 'frames.csv').read_text().splitlines()[-1]) + 1), 3),
+    'before the latency was written': (lambda folder: cut(folder / 'latency.csv', 5), 4),
+}
 
 
-def test_a_table_that_no_evaluator_wrote_is_named(judge, tmp_path):
+@pytest.mark.parametrize('death', DEATHS)
+def test_restarted_evaluator_continues_the_tables(scorer, tmp_path, unbroken, death):
+    leave, whole = DEATHS[death]
+    broken, (folder, summary) = tmp_path / 'broken', unbroken
+    score_all(scorer('broken'), SHIFTS[:4])
+    leave(broken)
+    second = scorer('broken', resumed=True)
+    assert second.number == second.published == whole
+    # A tracker that is late gets no second line for a frame that was scored.
+    assert second.add_array('tracks', whole * SECOND, [], 9.0) is Arrival.LATE
+    score_all(second, SHIFTS[whole:], whole + 1)
+    assert (broken / 'frames.csv').read_bytes() == (folder / 'frames.csv').read_bytes()
+    ours = second.summary()
+    if death == 'before the latency was written':  # one value is gone
+        for each in (ours, summary):
+            for key in ('latency_ms', 'detection_latency_ms'):
+                assert each['detectors']['sdt'].pop(key)['median'] > 0.0
+    else:
+        assert (broken / 'latency.csv').read_bytes() == (folder / 'latency.csv').read_bytes()
+    assert ours == summary
+
+
+def test_evaluator_that_died_before_its_first_frame_begins_again(scorer, tmp_path):
+    scorer()
+    cut(tmp_path / 'run' / 'frames.csv', 20)
+    second = scorer(resumed=True)
+    assert (second.number, second.published) == (0, 0)
+    score_all(second, SHIFTS[:1])
+    assert [row[0] for row in rows(tmp_path / 'run')] == ['1', '1']
+
+
+@pytest.mark.parametrize('text', ['1,2,3\n1,2,3\n', 'x\n'])
+def test_table_that_no_evaluator_wrote_is_named(scorer, tmp_path, text):
     (tmp_path / 'run').mkdir()
-    (tmp_path / 'run' / 'frames.csv').write_text('1,2,3\n1,2,3\n')
-    with pytest.raises(ValueError, match=r"frames\.csv: '1,2,3' is not a line of this table"):
-        judge(resumed=True)
+    (tmp_path / 'run' / 'frames.csv').write_text(text)
+    with pytest.raises(ValueError) as caught:
+        scorer(resumed=True)
+    assert str(caught.value).startswith(str(tmp_path / 'run' / 'frames.csv'))
+    assert (tmp_path / 'run' / 'frames.csv').read_text() == text
 
 
 @pytest.mark.parametrize(('node', 'scored'), [
     ('/sdt_detector', True), ('/tracker', False), ('/viewer', False), ('/cdt_detector', False)])
-def test_nothing_is_expected_of_a_node_that_was_started_again(judge, node, scored):
-    one = judge()
+def test_frame_does_not_wait_for_a_node_that_was_restarted(scorer, node, scored):
+    one = scorer()
     one.add_array(TRUTH, SECOND, [], 10.0)
     one.add_array(TRUTH, 2 * SECOND, [], 12.0)
     one.expect_no_more(node, 11.0)
-    judged = one.score()
-    assert [item.stamp for item in judged] == [SECOND] * scored
-    assert all(item.answers['sdt'].detections is None for item in judged)
+    done = one.score()
+    assert [item.stamp for item in done] == [SECOND] * scored
+    assert all(item.answers['sdt'].detections is None for item in done)
 
 
-def test_a_tracker_started_again_leaves_the_detections_to_be_scored(judge):
-    one = judge()
+def test_detections_are_scored_where_the_tracker_was_restarted(scorer):
+    one = scorer()
     one.add_array(TRUTH, SECOND, [], 10.0)
     one.expect_no_more('/tracker', 11.0)
     assert one.score() == []
     one.add_array('detections', SECOND, [entry()], 11.5)
-    (judged,) = one.score()
-    assert len(judged.answers['sdt'].detections) == 1
-    assert judged.answers['sdt'].tracks is None
+    (scored,) = one.score()
+    assert len(scored.answers['sdt'].detections) == 1
+    assert scored.answers['sdt'].tracks is None

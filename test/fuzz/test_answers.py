@@ -1,5 +1,6 @@
-"""Detections, tracks and truth with any values pass tracker, judge and viewer."""
+"""Detections, tracks and truth with any values pass tracker, scorer and viewer."""
 
+from contextlib import closing
 import csv
 import json
 
@@ -13,6 +14,7 @@ from fuzz.messages import steps_ns
 from fuzz.strategies import names
 from fuzz.strategies import numbers
 from hypothesis import strategies as st
+from lowsnr_bringup.run.results_folder import Account
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.core.records import Truth
 from lowsnr_common.ros.messages import array_to_estimates
@@ -28,9 +30,11 @@ from lowsnr_eval.report.overlay import Trails
 from lowsnr_eval.report.palette import stretch
 from lowsnr_eval.report.table import format_table
 from lowsnr_eval.ros.view_messages import scene_to_markers
+from lowsnr_eval.scoring.final_summary import summarize
 from lowsnr_eval.scoring.frame_scoring import compare
-from lowsnr_eval.scoring.results import FRAME_COLUMNS
-from lowsnr_eval.scoring.run_scoring import Judge
+from lowsnr_eval.scoring.run_scoring import NO_TRUTH
+from lowsnr_eval.scoring.run_scoring import RunScorer
+from lowsnr_eval.scoring.score_rows import FRAME_COLUMNS
 from lowsnr_track.pda_mmpf import PdaMmpf
 from nav_msgs.msg import Odometry
 import numpy as np
@@ -53,14 +57,14 @@ def test_tracker_answers_every_array(sequence, tracker, cell):
         entries = tried('', array_to_estimates, array, cell) or []
         state, answer = tracker.step(state, entries, stamp_ns / 1e9, rng)
         assert len(answer.confirmed) + len(answer.tentative) <= tracker.life.max_tracks
-        assert len(entries) >= sum(answer.refused.values())
+        assert len(entries) >= sum(answer.rejected.values())
         for track in (*answer.confirmed, *answer.tentative):
             assert np.isfinite(track.state).all()
             assert 0.0 <= track.score <= 1.0
         serialize_message(estimates_to_array(answer.confirmed, stamped(0), cell))
 
 
-# What nodes take of a message's positions and velocities, see array_to_sound_estimates.
+# Positions and velocities that nodes accept in a message, see array_to_sound_estimates.
 believable = numbers.filter(lambda value: not abs(value) > 1e9)
 
 
@@ -75,45 +79,47 @@ def estimates(draw, values=numbers):
 @fuzz('estimates to scoring', 600, found=st.lists(estimates(believable), max_size=4),
       truth=st.lists(estimates(believable), max_size=3))
 def test_any_estimates_compare_with_any_truth(found, truth):
-    outcome = compare([Truth(item.id, item.state) for item in truth], found, Evaluation())
-    for figure in (outcome.rmse_position_m, outcome.rmse_velocity_mps, outcome.gospa_m):
+    compared = compare([Truth(item.id, item.state) for item in truth], found, Evaluation())
+    for figure in (compared.rmse_position_m, compared.rmse_velocity_mps, compared.gospa_m):
         assert figure is None or np.isfinite(figure)
 
 
-told = st.tuples(st.sampled_from(TOPICS), stamps_ns, arrays() | odometries())
+received = st.tuples(st.sampled_from(TOPICS), stamps_ns, arrays() | odometries())
 
 
-@fuzz('arrays and states to the judge', 360, heard=st.lists(told, min_size=1, max_size=8),
-      told_truth=st.booleans())
-def test_judge_scores_whatever_comes(place, heard, told_truth):
+@fuzz('arrays and states to the scorer', 360, fed=st.lists(received, min_size=1, max_size=8),
+      truth=st.booleans())
+def test_scorer_takes_any_input(place, fed, truth):
     for path in place.iterdir():
         path.unlink()
-    run = RunSettings(results=str(place), scenario='s', detectors=('sdt',), truth=told_truth)
-    refused = []
-    with Judge(run, Evaluation(), 0, refused.append) as judge:
-        for topic, stamp_ns, item in heard:
+    run = RunSettings(results=str(place), scenario='s', detectors=('sdt',), truth=truth)
+    rejected = []
+    with closing(RunScorer(run, Evaluation(), lambda *why: rejected.append(why))) as scorer:
+        for topic, stamp_ns, item in fed:
             if isinstance(item, Odometry):
                 if (state := tried('', odometry_to_estimate, item, 0.0)) is not None:
-                    judge.add_state(topic, stamp_ns, state)
+                    scorer.add_state(topic, stamp_ns, state)
             elif (entries := tried('', array_to_sound_estimates, item, 1.0)) is not None:
-                judge.add_array(topic, stamp_ns, entries, 0.0)
-            judge.score()
-        judge.score(float('inf'))
-        judge.write_summary()
-    summary = json.loads((place / 'summary.json').read_text())
-    assert format_table(summary)
+                scorer.add_array(topic, stamp_ns, entries, 0.0)
+            scorer.score()
+        scorer.score(float('inf'))
+    summary = summarize(place, run, Evaluation(), 0, Account(scorer.published))
+    assert format_table(json.loads(json.dumps(summary, allow_nan=False)))
+    assert summary['frames']['published'] == max(scorer.published, scorer.number)
+    assert summary['frames']['unseen'] <= len(rejected)
     with (place / 'frames.csv').open(newline='') as file:
         rows = list(csv.reader(file))
     assert rows[0] == list(FRAME_COLUMNS)
     assert {len(row) for row in rows} == {len(FRAME_COLUMNS)}
-    assert all(line.isprintable() for line in refused)
+    assert all(sentence.isprintable() for sentence, _ in rejected)
+    assert {reason for _, reason in rejected} <= {NO_TRUTH}
 
 
 @fuzz('scenes to viewers', 360, cell=numbers.filter(np.isfinite),
-      told=st.tuples(*[st.lists(estimates(), max_size=3)] * 3), side=st.sampled_from([1, 20, 60]))
-def test_viewer_draws_whatever_comes(cell, told, side):
+      drawn=st.tuples(*[st.lists(estimates(), max_size=3)] * 3), side=st.sampled_from([1, 20, 60]))
+def test_viewer_draws_any_scene(cell, drawn, side):
     greys = stretch(np.linspace(0.0, cell, 24).reshape(6, 4))
-    truth, detections, tracks = told
+    truth, detections, tracks = drawn
     trails, settings = Trails(3), ViewSettings(side=side)
     for shown in (tracks, truth, [*tracks, *truth]):
         scene = Scene(truth, detections, shown, trails.add(shown))

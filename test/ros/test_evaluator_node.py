@@ -1,18 +1,23 @@
-"""The evaluator beside a node that was started again: what it waits for, and what not."""
+"""The evaluator node: restarted chains, messages that it rejects, its own lifecycle."""
 
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
-from diagnostic_msgs.msg import DiagnosticStatus
-from diagnostic_msgs.msg import KeyValue
 from lowsnr_common.ros.messages import stamp_from_seconds
 from lowsnr_common.ros.qos import reliable
+from lowsnr_common.ros.run_records import ChainCounts
+from lowsnr_common.ros.run_records import FrameScored
+from lowsnr_common.ros.run_records import NodeRestarted
 from lowsnr_eval import evaluator_node
 import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import Header
+from vision_msgs.msg import Detection2D
 from vision_msgs.msg import Detection2DArray
+from vision_msgs.msg import ObjectHypothesisWithPose
 
 TOPICS = ('ground_truth', 'detections', 'tracks')
+SECOND = 1_000_000_000
 
 
 @pytest.fixture
@@ -28,12 +33,12 @@ def evaluator(context, tmp_path):
 
 @pytest.fixture
 def graph(context, evaluator, spin):
-    """Return publishers by topic that the evaluator hears, and the stamps that it has scored."""
+    """Return publishers by topic that reach the evaluator, and the records it has published."""
     node = Node('graph', context=context)
     scored = []
     node.create_subscription(
-        DiagnosticArray, 'scored', lambda message: scored.append(message.header.stamp.sec),
-        reliable(100))
+        DiagnosticArray, 'scored', lambda message: scored.append(
+            FrameScored.from_message(message)), reliable(100))
     kinds = dict.fromkeys(TOPICS, Detection2DArray) | {'restarts': DiagnosticArray}
     publishers = {topic: node.create_publisher(kind, topic, reliable(100))
                   for topic, kind in kinds.items()}
@@ -48,28 +53,31 @@ def array(stamp_s):
 
 
 def restart(started_s_ago):
-    return DiagnosticArray(status=[DiagnosticStatus(
-        name='/cdt_detector', values=[KeyValue(key='started_s_ago', value=str(started_s_ago))])])
+    return NodeRestarted('/cdt_detector', 'was killed', started_s_ago).to_message()
+
+
+def values(node):
+    """Return what a node reports by key."""
+    return {item.key: item.value for item in node.health.status('', (), {}).values}
 
 
 @pytest.fixture
 def missing(evaluator, graph, spin):
-    """Have the truth of a frame come, of which no answer has."""
+    """Publish the truth of a frame that no chain has answered."""
     publishers, _ = graph
     publishers['ground_truth'].publish(array(1.0))
-    spin(lambda: any(item.key.startswith('ground_truth median')
-                     for item in evaluator.health.status('', (), {}).values))
+    spin(lambda: any(key.startswith('ground_truth median') for key in values(evaluator)))
 
 
 @pytest.mark.parametrize('started_s_ago', [0.0, 60.0], ids=['before the start', 'during it'])
-def test_frame_that_a_node_missed_while_it_was_away_is_not_waited_for(
+def test_evaluator_does_not_wait_for_a_frame_that_a_dead_node_missed(
         graph, missing, spin, started_s_ago):
     publishers, scored = graph
     publishers['restarts'].publish(restart(started_s_ago))
-    spin(lambda: scored == [1])
+    spin(lambda: [record.stamp_ns for record in scored] == [SECOND])
 
 
-def test_frame_that_a_node_heard_while_it_was_starting_is_waited_for(
+def test_evaluator_waits_for_a_frame_that_a_starting_node_received(
         graph, missing, spin, tmp_path, monkeypatch):
     monkeypatch.setattr(evaluator_node, '_CAUGHT_UP_S', 60.0)
     publishers, scored = graph
@@ -78,7 +86,61 @@ def test_frame_that_a_node_heard_while_it_was_starting_is_waited_for(
         spin(lambda: scored, within=3)
     for topic in TOPICS[1:]:
         publishers[topic].publish(array(1.0))
-    spin(lambda: scored == [1])
+    spin(lambda: [record.stamp_ns for record in scored] == [SECOND])
     table = tmp_path / 'run' / 'frames.csv'
     spin(lambda: table.read_text().count('1,1.0,cdt,') == 2)
     assert ',,,,,,' not in table.read_text()
+
+
+def test_scored_frame_is_announced_with_its_counts(graph, spin):
+    publishers, scored = graph
+    entries = [Detection2D(results=[ObjectHypothesisWithPose()]) for _ in range(3)]
+    publishers['ground_truth'].publish(array(2.5))
+    publishers['detections'].publish(Detection2DArray(
+        header=Header(stamp=stamp_from_seconds(2.5)), detections=entries))
+    publishers['tracks'].publish(array(2.5))
+    spin(lambda: scored)
+    assert scored == [FrameScored(2_500_000_000, 1, (ChainCounts('cdt', 3, 0),))]
+
+
+@pytest.mark.parametrize(('topic', 'message', 'reason'), [
+    ('restarts', DiagnosticArray(), 'number of nodes'),
+    ('detections', array(1.0), 'repeated'),
+    # A stamp that no message can carry on.
+    ('ground_truth', Detection2DArray(
+        header=Header(stamp=Time(sec=2**31 - 1, nanosec=2**32 - 1))), 'not a stamp'),
+    ('ground_truth', Detection2DArray(header=Header(stamp=Time(sec=-1))), 'not a stamp')])
+def test_unsound_message_is_counted_by_its_reason(
+        evaluator, graph, missing, spin, topic, message, reason):
+    publishers, scored = graph
+    for _ in range(2):
+        publishers[topic].publish(message)
+    spin(lambda: evaluator.counts[f'{topic} {reason}'])
+    for answer in TOPICS[1:]:
+        publishers[answer].publish(array(1.0))
+    spin(lambda: [record.stamp_ns for record in scored] == [SECOND])
+
+
+def test_array_of_a_scored_frame_is_counted_as_late(evaluator, graph, spin):
+    publishers, scored = graph
+    for topic in TOPICS:
+        publishers[topic].publish(array(1.0))
+    spin(lambda: scored)
+    publishers['tracks'].publish(array(1.0))
+    spin(lambda: evaluator.counts['tracks late'])
+    assert evaluator.counts['late'] == 1
+
+
+def test_evaluator_that_is_configured_again_continues_its_table(evaluator, graph, spin, tmp_path):
+    publishers, scored = graph
+    for topic in TOPICS:
+        publishers[topic].publish(array(1.0))
+    spin(lambda: scored)
+    for transition in ('deactivate', 'cleanup', 'configure', 'activate'):
+        getattr(evaluator, f'trigger_{transition}')()
+    spin(lambda: all(each.get_subscription_count() for each in publishers.values()))
+    for topic in TOPICS:
+        publishers[topic].publish(array(2.0))
+    spin(lambda: len(scored) == 2)
+    rows = (tmp_path / 'run' / 'frames.csv').read_text().splitlines()
+    assert [row.split(',')[0] for row in rows[1:]] == ['1', '1', '2', '2']

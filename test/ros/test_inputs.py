@@ -7,12 +7,13 @@ from diagnostic_msgs.msg import KeyValue
 from graph_runs import ROOT
 from lowsnr_common.core.timeline import SET_BACK_AFTER
 from lowsnr_common.ros import messages
+from lowsnr_common.ros.run_records import ChainCounts
+from lowsnr_common.ros.run_records import FrameScored
 from lowsnr_sensor.conditioner_node import ConditionerNode
 from lowsnr_sensor.sensor_node import SensorNode
 from lowsnr_track.tracker_node import TrackerNode
 from nav_msgs.msg import Odometry
 import numpy as np
-from onlooker import onlooker
 import pytest
 from rclpy.clock import ClockType
 from rclpy.node import Node
@@ -20,6 +21,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy
 from rclpy.qos import qos_profile_sensor_data
 from rclpy.qos import QoSProfile
+from ros_nodes import spun_node
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 from vision_msgs.msg import Detection2D
@@ -77,7 +79,7 @@ def test_reader_that_cannot_be_reached_is_named_with_the_policy(other, said):
 
 
 def test_publisher_of_another_type_is_named(said):
-    with onlooker('stranger') as (stranger, _):
+    with spun_node('stranger') as (stranger, _):
         stranger.create_publisher(Odometry, 'detections', DEPTH)
         said('/detections: not heard is /stranger, which publishes nav_msgs/msg/Odometry, '
              'not vision_msgs/msg/Detection2DArray', level=DiagnosticStatus.ERROR)
@@ -174,10 +176,12 @@ def test_source_in_lockstep_goes_on_with_the_word_it_waits_for_alone(context, ot
             status = DiagnosticStatus(name='x' * 10**5, values=[KeyValue(key='', value='nan')])
             publisher.publish(DiagnosticArray(
                 header=Header(stamp=Time(sec=int(sec), nanosec=2**32 - 1)), status=[status]))
-    publishers['scored'].publish(DiagnosticArray(header=frames[0].header))
+    first, second = (FrameScored(k * 1_000_000_000, k, (ChainCounts('cdt', 0, 0),)).to_message()
+                     for k in (1, 2))
+    publishers['scored'].publish(first)
     spin(lambda: len(frames) == 2)
-    publishers['scored'].publish(DiagnosticArray(header=frames[0].header))  # once more
-    publishers['scored'].publish(DiagnosticArray(header=frames[1].header))
+    publishers['scored'].publish(first)  # once more
+    publishers['scored'].publish(second)
     spin(lambda: len(frames) == 3)
     assert node.counts['out'] == 3
     node.destroy_node()

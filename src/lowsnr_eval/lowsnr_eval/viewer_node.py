@@ -1,4 +1,4 @@
-"""The viewer node: frames, and what is said of them, for people to look at."""
+"""The viewer node: frames with truth, detections and tracks drawn in, for people."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ from lowsnr_eval.report.overlay import Trails
 from lowsnr_eval.report.palette import stretch
 from lowsnr_eval.ros.view_messages import picture_to_image
 from lowsnr_eval.ros.view_messages import scene_to_markers
-from lowsnr_eval.scoring.frame_join import Assembly
+from lowsnr_eval.scoring.frame_join import Arrival
+from lowsnr_eval.scoring.frame_join import FrameJoin
 from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.lifecycle import LifecycleState
@@ -31,9 +32,9 @@ from vision_msgs.msg import Detection2DArray
 from visualization_msgs.msg import MarkerArray
 
 FRAMES, TRUTH, DETECTIONS, TRACKS = 'image_raw', 'ground_truth', 'detections', 'tracks'
-# Frames kept, for who is slow on either side.
+# Frames that wait for a slow reader, and for a slow chain.
 _DEPTH = 16
-# A frame that is not answered within this time is shown without.
+# A frame that is not answered within this time is shown without the answer.
 _PATIENCE_S = 1.0
 
 
@@ -41,7 +42,8 @@ class ViewerNode(ManagedNode):
     """
     Publish ``overlay`` and ``markers`` for each frame that detector and tracker answered.
 
-    Nobody waits for it once the run has begun, and what it is too slow for it leaves out.
+    No other node waits for it once the run has begun, and it drops the frames for which it is
+    too slow.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -50,15 +52,15 @@ class ViewerNode(ManagedNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Create publishers and subscriptions."""
-        self._assembly = Assembly((FRAMES, DETECTIONS, TRACKS), FRAMES)
+        self._join = FrameJoin((FRAMES, DETECTIONS, TRACKS), FRAMES)
         self._trails = Trails(self.view.trail_frames)
         self._greys: dict[int, tuple[Header, np.ndarray]] = {}
         self._overlay = self.create_publisher(Image, 'overlay', reliable(_DEPTH))
         self._markers = self.create_publisher(MarkerArray, 'markers', reliable(_DEPTH))
         self.outputs = {self._overlay: 0, self._markers: 0}
         depth = reliable(self.settings.queue_depth)
-        # Of several messages that wait, those of the topics named first are taken first.
-        self.listen(  # recorded frames may be without truth
+        # Of several waiting messages the node takes those of the topics named first.
+        self.listen(  # recorded frames may lack truth
             Detection2DArray, TRUTH, partial(self._on_array, TRUTH), depth, needed=False)
         self.listen(Detection2DArray, DETECTIONS, partial(self._on_array, DETECTIONS), depth)
         self.listen(Image, FRAMES, self._on_frame, any_reliability(_DEPTH))
@@ -75,7 +77,7 @@ class ViewerNode(ManagedNode):
         self.counts['in'] += 1
         greys = stretch(messages.image_to_frame(image))
         stamp = messages.stamp_key(image.header.stamp)
-        if self._assembly.add_array(FRAMES, stamp, [], time.monotonic()):
+        if self._join.add_array(FRAMES, stamp, [], time.monotonic()) is Arrival.USED:
             self._greys[stamp] = image.header, greys
             if len(self._greys) > _DEPTH:
                 del self._greys[min(self._greys)]
@@ -83,23 +85,23 @@ class ViewerNode(ManagedNode):
 
     def _on_array(self, topic: str, message: Detection2DArray) -> None:
         entries = messages.array_to_sound_estimates(message, self.view.sensor.cell_size_m)
-        if topic != TRACKS:  # drawn where they are, without a velocity
+        if topic != TRACKS:  # their odometry is not subscribed to
             entries = [Estimate(item.state, item.cov, item.score) for item in entries]
         stamp = messages.stamp_key(message.header.stamp)
-        self._assembly.add_array(topic, stamp, entries, time.monotonic())
+        self._join.add_array(topic, stamp, entries, time.monotonic())
         self._show()
 
     def _on_track(self, message: Odometry) -> None:
         stamp = messages.stamp_key(message.header.stamp)
-        self._assembly.add_state(TRACKS, stamp, messages.odometry_to_estimate(message, 0.0))
+        self._join.add_state(TRACKS, stamp, messages.odometry_to_estimate(message, 0.0))
         self._show()
 
     def _on_timer(self) -> None:
         self._show(time.monotonic() - _PATIENCE_S)
 
     def _show(self, older_than_s: float = -float('inf')) -> None:
-        """Publish the frames that are whole, or have waited since ``older_than_s``."""
-        for frame in self._assembly.take(older_than_s):
+        """Publish the frames that are complete, or have waited since ``older_than_s`` [s]."""
+        for frame in self._join.take(older_than_s):
             tracks = frame.answer(TRACKS) or []
             scene = Scene(
                 frame.answer(TRUTH) or [], frame.answer(DETECTIONS) or [], tracks,
@@ -108,7 +110,7 @@ class ViewerNode(ManagedNode):
                 self._publish(scene, *self._greys.pop(frame.stamp))
 
     def _publish(self, scene: Scene, header: Header, greys: np.ndarray) -> None:
-        """Publish to whom looks; drawing for nobody would take time from the others."""
+        """Publish where there is a reader; drawing for none takes time from the other nodes."""
         if self._overlay.get_subscription_count():
             self._overlay.publish(picture_to_image(draw(greys, scene, self.view), header))
         if self._markers.get_subscription_count():

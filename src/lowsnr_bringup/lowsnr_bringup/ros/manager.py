@@ -10,18 +10,22 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
-from diagnostic_msgs.msg import KeyValue
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from lifecycle_msgs.srv import GetState
 from lowsnr_bringup.plan.graph import MANAGER
 from lowsnr_bringup.plan.graph import Node as GraphNode
 from lowsnr_bringup.ros.transition import PendingTransition
+from lowsnr_common.core.records import Malformed
+from lowsnr_common.core.timeline import StampOrder
 from lowsnr_common.core.timeline import Timeline
-from lowsnr_common.core.timeline import Verdict
 from lowsnr_common.ros.inputs import drain
 from lowsnr_common.ros.messages import stamp_key
 from lowsnr_common.ros.qos import reliable
+from lowsnr_common.ros.run_records import FrameScored
+from lowsnr_common.ros.run_records import NodeRestarted
+from lowsnr_common.ros.run_records import RESTARTS
+from lowsnr_common.ros.run_records import SCORED
 from rcl_interfaces.msg import ParameterEvent
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -75,7 +79,7 @@ class Manager:
                    self._node.create_client(GetState, f'{node.path}/get_state'))
             for node in nodes}
         self._scored = self._node.create_subscription(
-            DiagnosticArray, 'scored', self._count, reliable(10_000))
+            DiagnosticArray, SCORED, self._count, reliable(10_000))
         self.published, self.newest_ns, self._timeline = 0, -1, Timeline()
         self.restarted: Counter[str] = Counter()
         self._followed = [self._scored]
@@ -90,7 +94,7 @@ class Manager:
         self._changed: dict[str, dict[str, Any]] = {}  # parameters set while it ran, by node
         self._parameters = self._node.create_subscription(
             ParameterEvent, '/parameter_events', self._on_parameters, qos_profile_parameter_events)
-        self._restarts = self._node.create_publisher(DiagnosticArray, 'restarts', reliable(100))
+        self._restarts = self._node.create_publisher(DiagnosticArray, RESTARTS, reliable(100))
 
     def close(self) -> None:
         """Leave ROS."""
@@ -151,26 +155,23 @@ class Manager:
             drain(subscription)
 
     def announce(self, node: GraphNode, death: str, started_s_ago: float) -> None:
-        """Tell all that a node was started again, so that nobody waits for what it had."""
+        """Publish that a node is active again, so that no node waits for what its death lost."""
         self.restarted[node.label] += 1
-        self._restarts.publish(DiagnosticArray(status=[DiagnosticStatus(
-            level=DiagnosticStatus.WARN, name=node.path, message=death,
-            values=[KeyValue(key='started_s_ago', value=f'{started_s_ago:.3f}')])]))
+        self._restarts.publish(NodeRestarted(node.path, death, started_s_ago).to_message())
 
     def _count(self, message: DiagnosticArray) -> None:
         try:
-            for status in message.status:
-                values = {item.key: int(item.value) for item in status.values}
-                self.scored = max(self.scored, values['frame'])
-                self._detections += values['detections']
-                self._tracks += values['tracks']
-        except (KeyError, ValueError):
-            return  # not the evaluator's
+            scored = FrameScored.from_message(message)
+        except Malformed:
+            return  # not from the evaluator
+        self.scored = max(self.scored, scored.frame)
+        self._detections += sum(chain.detections for chain in scored.chains)
+        self._tracks += sum(chain.tracks for chain in scored.chains)
         self._on_scored(self.scored, self._detections, self._tracks)
 
     def _on_clock(self, message: Clock) -> None:
         stamp = stamp_key(message.clock)
-        if self._timeline.judge(stamp) is not Verdict.LATE:
+        if self._timeline.classify(stamp) is not StampOrder.LATE:
             self.published += 1
             self.newest_ns = stamp
 

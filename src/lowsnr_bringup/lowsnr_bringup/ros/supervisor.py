@@ -24,7 +24,6 @@ from lowsnr_bringup.run.processes import NodeProcess
 from lowsnr_bringup.run.processes import ProcessGroup
 from lowsnr_bringup.run.results_folder import Account
 from lowsnr_bringup.run.results_folder import PARAMETERS_FILE
-from lowsnr_bringup.run.shared_memory import free_ports
 from tqdm import tqdm
 
 _START_WITHIN_S = 600.0
@@ -144,7 +143,6 @@ class Supervisor:
                 continue
             try:
                 self._manager.change(DEACTIVATE, [node], within_s)
-                self.account.summed_up |= node.name == 'evaluator'
             except GraphFailure as error:
                 tqdm.write(f'while stopping: {error}')
 
@@ -180,7 +178,6 @@ class Supervisor:
         if not (spare and self._manager.scored):
             raise GraphFailure(report)
         self._missed[member.node] = report
-        free_ports()
         tqdm.write(f'the run goes on without {report}', file=sys.stderr)
 
     def _source_done(self) -> bool:

@@ -1,4 +1,4 @@
-"""The results folder of a run: made for it alone, and what its starter adds to the scores."""
+"""The results folder of a run: its files, and that no two runs share one."""
 
 from __future__ import annotations
 
@@ -9,32 +9,34 @@ import os
 from pathlib import Path
 
 FRAMES_FILE = 'frames.csv'
+LATENCY_FILE = 'latency.csv'
+SUMMARY_FILE = 'summary.json'
 PARAMETERS_FILE = 'parameters.yaml'
+RESTARTS_FILE = 'restarts.csv'
 
 
 @dataclass
 class Account:
     """
-    What only the starter of the nodes knows of a run.
+    What only the process that starts the nodes knows of a run.
 
-    ``published`` counts the frames that the source sent, ``restarts`` how often each node was
-    started again, by its label; ``summed_up`` says whether the evaluator came to its end.
+    ``published`` counts the frames that the source published, ``restarts`` how often each node
+    was started again, by its label.
     """
 
     published: int = 0
     restarts: Mapping[str, int] = field(default_factory=dict)
-    summed_up: bool = False
 
 
 def fresh_folder(wanted: Path) -> Path:
     """
-    Make a folder for results, never one that holds earlier ones.
+    Make a folder for results; one that holds anything is left alone.
 
     Parameters
     ----------
     wanted
-        The folder asked for.  It is made, or taken where it is empty; otherwise the first of
-        ``<wanted>-2``, ``<wanted>-3`` ... for which that can be done.
+        The folder asked for.  It is made where it is missing and used where it is empty; else
+        this holds for the first of ``<wanted>-2``, ``<wanted>-3`` ... that is missing or empty.
 
     Returns
     -------
@@ -44,7 +46,8 @@ def fresh_folder(wanted: Path) -> Path:
     Raises
     ------
     ValueError
-        One line that names the path and the mend, if it cannot be made or written to.
+        One line that names the path and the option to change it, if the folder cannot be made
+        or written to.
 
     """
     wanted = Path(os.path.abspath(wanted))
@@ -56,7 +59,7 @@ def fresh_folder(wanted: Path) -> Path:
 
 
 def _claim(folder: Path) -> bool:
-    """Make a folder ours; False if it holds anything or another run claims it first."""
+    """Reserve a folder for this run; False if it holds anything or another run reserves it."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.iterdir()):

@@ -1,4 +1,4 @@
-"""When a source of frames in lockstep goes on: once its last frame has been scored."""
+"""Lockstep: a source publishes a frame once the evaluator has scored the one before."""
 
 from __future__ import annotations
 
@@ -7,20 +7,24 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticArray
 from lowsnr_common.ros.managed_node import ManagedNode
-from lowsnr_common.ros.messages import stamp_key
 from lowsnr_common.ros.qos import reliable
+from lowsnr_common.ros.run_records import FrameScored
+from lowsnr_common.ros.run_records import NodeRestarted
+from lowsnr_common.ros.run_records import RESTARTS
+from lowsnr_common.ros.run_records import SCORED
 
-# Whoever hands frames and truth on to where they are scored: what it had in hand is lost with it.
+# The nodes that a frame and its truth pass before they are scored: a frame that is in one of
+# them is lost when it dies.
 _ON_THE_WAY = ('/evaluator', '/conditioner')
-_LOOK_EVERY_S = 0.5
+_CHECK_EVERY_S = 0.5
 
 
 class Lockstep:
     """
     Calls ``go_on`` when the frame that was sent last has been scored.
 
-    A frame that will not be scored is not waited for without end: not when the evaluator, or
-    what stands before it, was started again in the meantime, and not beyond ``patience_s``.
+    It gives up a frame when the evaluator or the conditioner was started again in the meantime,
+    and when ``patience_s`` has passed.
 
     Parameters
     ----------
@@ -40,24 +44,24 @@ class Lockstep:
         self._awaited: int | None = None
         self._since_s = 0.0
         depth = reliable(node.settings.queue_depth)
-        node.listen(DiagnosticArray, 'scored', self._on_scored, depth)
+        node.listen(DiagnosticArray, SCORED, self._on_scored, depth)
         node.listen(
-            DiagnosticArray, 'restarts', self._on_restart, depth, needed=False, steady=False)
-        node.create_timer(_LOOK_EVERY_S, self._look)
+            DiagnosticArray, RESTARTS, self._on_restart, depth, needed=False, steady=False)
+        node.create_timer(_CHECK_EVERY_S, self._give_up_late)
 
     def sent(self, stamp_ns: int) -> None:
         """Wait for the frame with this stamp."""
         self._awaited, self._since_s = stamp_ns, time.monotonic()
 
     def _on_scored(self, message: DiagnosticArray) -> None:
-        if stamp_key(message.header.stamp) == self._awaited:
+        if FrameScored.from_message(message).stamp_ns == self._awaited:
             self._next()
 
     def _on_restart(self, message: DiagnosticArray) -> None:
-        if any(status.name in _ON_THE_WAY for status in message.status):
+        if NodeRestarted.from_message(message).node in _ON_THE_WAY:
             self._next()
 
-    def _look(self) -> None:
+    def _give_up_late(self) -> None:
         waited_s = time.monotonic() - self._since_s
         if self._awaited is not None and waited_s > self._patience_s:
             self._node.get_logger().warning(

@@ -10,13 +10,13 @@ from pathlib import Path
 
 from lowsnr_bringup.run.results_folder import FRAMES_FILE
 from lowsnr_bringup.run.results_folder import PARAMETERS_FILE
+from lowsnr_bringup.run.results_folder import SUMMARY_FILE
 from lowsnr_common.settings.text import one_line
 from lowsnr_eval.report import figures
 from lowsnr_eval.report import html_page as pages
 from lowsnr_eval.report.animation import animation
 from lowsnr_eval.report.html_page import Markup
 from lowsnr_eval.report.table import format_table
-from lowsnr_eval.scoring.results import SUMMARY_FILE
 from lowsnr_eval.scoring.scene import read_scene
 from lowsnr_eval.scoring.scene import SCENE_FILE
 import numpy as np

@@ -26,7 +26,7 @@ def format_table(summary: Mapping[str, Any]) -> str:
     Parameters
     ----------
     summary
-        As :func:`lowsnr_eval.scoring.results.summarize` returns it or ``summary.json`` holds it.
+        What :func:`lowsnr_eval.scoring.final_summary.summarize` returns.
 
     Returns
     -------

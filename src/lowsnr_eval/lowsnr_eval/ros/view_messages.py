@@ -1,4 +1,4 @@
-"""What viewers show, as messages: the overlay, and the scene as markers."""
+"""The overlay and the scene of a viewer, as messages."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from geometry_msgs.msg import Point
 from lowsnr_common.core.motion import POS
+from lowsnr_common.core.records import Estimate
 from lowsnr_common.settings.node_settings import ViewSettings
 from lowsnr_eval.report.overlay import ellipse
 from lowsnr_eval.report.overlay import Scene
@@ -22,7 +23,8 @@ from visualization_msgs.msg import Marker
 from visualization_msgs.msg import MarkerArray
 
 _GREY = '#808080'
-# The plot of existence: its height and its distance from the frame, in heights of the frame.
+# The plot of the existence probability: its height and its distance from the frame, in heights
+# of the frame.
 _PLOT, _GAP = 0.25, 0.08
 
 
@@ -41,11 +43,11 @@ def scene_to_markers(
     """
     Return a scene as markers in metres, which replace all earlier ones.
 
-    x and y are those of the frame, y down; below the frame stands the existence probability
-    of the tracks over the last frames, the newest at the right.
+    x and y are those of the frame, y down.  A plot below the frame shows the existence
+    probability of the tracks over the last frames, the newest at the right.
     """
     cell, trails = settings.sensor.cell_size_m, scene.trails or {}
-    make = _Maker(header)
+    make = _MarkerList(header)
     make.lines('frame', _GREY, 0.1 * cell, [
         _box(-0.5, -0.5, shape[1] - 0.5, shape[0] - 0.5, cell)])
     make.dots('truth', Marker.SPHERE_LIST, TRUTH, cell, _places(scene.truth))
@@ -66,15 +68,15 @@ def scene_to_markers(
     return MarkerArray(markers=make.markers)
 
 
-class _Maker:
-    """Makes markers of one frame."""
+class _MarkerList:
+    """The markers of one frame."""
 
     def __init__(self, header: Header) -> None:
         self._header = header
         self.markers = [Marker(header=header, action=Marker.DELETEALL)]
 
     def dots(self, name: str, kind: int, colour: str, size: float, places: np.ndarray) -> None:
-        """Add one marker for all places (n, 2) [m]; none where there are none."""
+        """Add one marker for all places (n, 2) [m], none where there is no place."""
         points = [Point(x=x, y=y) for x, y in places.tolist() if np.isfinite(x + y)]
         if points:
             marker = self._add(name, kind, colour)
@@ -104,7 +106,7 @@ class _Maker:
         return marker
 
 
-def _places(items: Sequence) -> np.ndarray:
+def _places(items: Sequence[Estimate]) -> np.ndarray:
     return np.array([item.state[POS] for item in items]).reshape(-1, 2)
 
 

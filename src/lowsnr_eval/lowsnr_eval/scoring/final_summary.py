@@ -1,43 +1,146 @@
-"""The summary of a run, made whole when all nodes have ended."""
+"""The summary of a run: computed from its tables when the run has ended, by one author."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
+import csv
+import json
 from pathlib import Path
 from typing import Any
 
 from lowsnr_bringup.plan.graph import build
 from lowsnr_bringup.run.results_folder import Account
+from lowsnr_bringup.run.results_folder import cannot_write
 from lowsnr_bringup.run.results_folder import FRAMES_FILE
+from lowsnr_bringup.run.results_folder import LATENCY_FILE
+from lowsnr_bringup.run.results_folder import PARAMETERS_FILE
+from lowsnr_bringup.run.results_folder import RESTARTS_FILE
+from lowsnr_bringup.run.results_folder import SUMMARY_FILE
+from lowsnr_common.settings.config import flat_values
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.node_settings import RunSettings
-from lowsnr_eval.scoring.results import note_losses
-from lowsnr_eval.scoring.run_scoring import Judge
+from lowsnr_common.settings.text import read_yaml
+from lowsnr_eval.scoring.score_tables import read_frames
+from lowsnr_eval.scoring.score_tables import read_latency
+from lowsnr_eval.scoring.tallies import Tallies
+
+SCHEMA = 1
 
 
-def sum_up(evaluator: Mapping[str, Any], account: Account) -> None:
+def summarize(
+    folder: Path, run: RunSettings, evaluation: Evaluation, seed: int, account: Account,
+) -> dict[str, Any]:
     """
-    Leave a summary of all that was scored, also where the evaluator did not come to it.
+    Return what ``summary.json`` holds, from the tables of a run.
 
     Parameters
     ----------
+    folder
+        Results folder with ``frames.csv`` and ``latency.csv``, which are read line by line: the
+        memory that this takes does not grow with the run.
+    run, evaluation, seed
+        What was scored and how.
+    account
+        What only the process that started the nodes knows.
+
+    Raises
+    ------
+    OSError
+        If a table cannot be read.
+    ValueError
+        One line, if a table is damaged.
+
+    """
+    tallies = Tallies(run.detectors)
+    for scores in read_frames(folder / FRAMES_FILE, run.detectors):
+        tallies.add(scores)
+    for times in read_latency(folder / LATENCY_FILE, run.detectors):
+        tallies.add_latency(times.detector, times.latency_ms, times.detection_ms)
+    detectors = tallies.figures()
+    for name, point in zip(run.detectors, run.operating_points):
+        detectors[name]['operating_point'] = point
+    published = max(account.published, tallies.frames)
+    return {
+        'schema': SCHEMA,
+        'scenario': run.scenario,
+        'seed': seed,
+        'frames': {
+            'published': published, 'scored': tallies.frames - tallies.unanswered,
+            'unanswered': tallies.unanswered, 'unseen': published - tallies.frames},
+        'restarts': dict(account.restarts),
+        'evaluation': flat_values(evaluation),
+        'detectors': detectors,
+    }
+
+
+def write_summary(folder: Path, summary: Mapping[str, Any]) -> None:
+    """Write ``summary.json``, whole or not at all; ValueError names a folder that has no room."""
+    draft = folder / f'{SUMMARY_FILE}.tmp'
+    text = json.dumps(summary, indent=2, allow_nan=False) + '\n'
+    try:
+        draft.write_text(text, encoding='utf-8')
+        draft.replace(folder / SUMMARY_FILE)
+    except OSError as error:
+        raise cannot_write(folder, error) from None
+
+
+def summarize_run(folder: Path, evaluator: Mapping[str, Any], account: Account) -> None:
+    """
+    Write the summary of a run into its results folder.
+
+    It writes nothing where the evaluator did not begin its table.
+
+    Parameters
+    ----------
+    folder
+        Results folder.
     evaluator
         Parameters of the evaluator.
     account
-        What its starter knows.
+        What only the process that started the nodes knows.
 
     Raises
     ------
     OSError, ValueError
-        If the results cannot be read or written.
+        As :func:`summarize`; also if the summary cannot be written.
 
     """
-    run = build(RunSettings, evaluator, 'evaluator')
-    folder = Path(run.results)
     table = folder / FRAMES_FILE
-    if not account.summed_up and table.is_file() and table.stat().st_size:
-        with Judge(
-                run, build(Evaluation, evaluator, 'evaluator'), evaluator.get('seed', 0),
-                refuse=print, resumed=True) as judge:
-            judge.write_summary()
-    note_losses(folder, account.published, account.restarts)
+    if table.is_file() and table.stat().st_size:
+        write_summary(folder, summarize(
+            folder, build(RunSettings, evaluator, 'evaluator'),
+            build(Evaluation, evaluator, 'evaluator'), evaluator.get('seed', 0), account))
+
+
+def summarize_folder(folder: Path) -> None:
+    """
+    Write the summary of a run whose starter was killed, or that still runs.
+
+    The frames that its source published are taken from an earlier summary, if there is one;
+    frames that the evaluator has not seen are not known otherwise.
+
+    Raises
+    ------
+    OSError, ValueError
+        As :func:`summarize_run`; also if the folder does not hold the parameters of a run, or
+        nothing was scored.
+
+    """
+    parameters = folder / PARAMETERS_FILE
+    try:
+        evaluator = dict(read_yaml(parameters)['/evaluator']['ros__parameters'])
+    except (LookupError, TypeError):
+        raise ValueError(f'{parameters}: holds no parameters of an evaluator') from None
+    try:
+        earlier = json.loads((folder / SUMMARY_FILE).read_text(encoding='utf-8'))
+        published = int(earlier['frames']['published'])
+    except (OSError, ValueError, LookupError, TypeError):
+        published = 0
+    restarts: Counter[str] = Counter()
+    if (folder / RESTARTS_FILE).is_file():
+        with (folder / RESTARTS_FILE).open(encoding='utf-8', newline='') as file:
+            restarts.update(row['node'] for row in csv.DictReader(file))
+    summarize_run(folder, evaluator, Account(published, restarts))
+    if not (folder / SUMMARY_FILE).is_file():
+        raise ValueError(f'{folder}: nothing was scored')

@@ -1,32 +1,41 @@
-"""Put the messages of one frame together again, whatever the order they come in."""
+"""Joins the messages of each frame by their stamp, whatever the order they arrive in."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 from dataclasses import field
+from enum import Enum
 
 from lowsnr_common.core.records import Estimate
+from lowsnr_common.core.timeline import StampOrder
 from lowsnr_common.core.timeline import Timeline
-from lowsnr_common.core.timeline import Verdict
 
-# Answers to frames that are not known to exist, kept because they may come first.
+# Frames that are kept while their key array has not arrived: answers may arrive before it.
 _MOST_UNKNOWN = 1000
+
+
+class Arrival(Enum):
+    """Whether a message is used, or why not."""
+
+    USED = 'used'
+    LATE = 'late'
+    REPEATED = 'repeated'
 
 
 @dataclass
 class Frame:
     """
-    What has come of one frame.
+    What has arrived of one frame.
 
-    ``arrays`` holds the entries of each topic's array, ``states`` the whole states of its
-    odometry by id, ``arrived`` the wall time of each array [s].
+    ``arrays`` holds the entries of each topic's array, ``states`` the estimates of its odometry
+    by id, ``arrived_s`` the wall time of each array [s].
     """
 
     stamp: int
     arrays: dict[str, list[Estimate]] = field(default_factory=dict)
     states: dict[str, dict[str, Estimate]] = field(default_factory=dict)
-    arrived: dict[str, float] = field(default_factory=dict)
+    arrived_s: dict[str, float] = field(default_factory=dict)
 
     def answer(self, topic: str) -> list[Estimate] | None:
         """
@@ -34,39 +43,40 @@ class Frame:
 
         An entry with an id has an odometry of that id; None while anything is missing.
         """
-        states = self.states.get(topic, {})
         if not self.is_answered(topic):
             return None
+        states = self.states.get(topic, {})
         return [
             Estimate(states[e.id].state, states[e.id].cov, e.score, e.id) if e.id else e
             for e in self.arrays[topic]
         ]
 
     def is_answered(self, topic: str) -> bool:
-        """Return whether a topic's array has come, and the odometry of all its entries."""
+        """Return whether a topic's array has arrived, and the odometry of all its entries."""
         return topic in self.arrays and not self.lacks_states(topic)
 
     def lacks_states(self, topic: str) -> bool:
-        """Return whether an entry of a topic's array has an odometry that has not come."""
+        """Return whether an entry of a topic's array has an odometry that has not arrived."""
         states = self.states.get(topic, {})
         return any(e.id and e.id not in states for e in self.arrays.get(topic, ()))
 
 
-class Assembly:
+class FrameJoin:
     """
-    Frames in the making.
+    Frames of which messages are still expected.
 
-    A frame is whole when every topic has answered it that still can.  It is given up when it is
-    too old, or when a later frame is whole, since arrays come in order among themselves, as
-    odometry does.  Between the two there is no order: an array waits for its odometry, and later
-    frames with it, until that of a later frame shows that it will not come.
+    A frame is complete when every topic has answered it that still can.  The join gives a frame
+    up when it is too old, and when a later frame is complete: arrays arrive in order among
+    themselves, and so do odometries.  Between the two there is no order.  An array therefore
+    waits for its odometry, and later frames wait with it, until the odometry of a later frame
+    shows that it will not arrive.
 
     Parameters
     ----------
     topics
         Names of the topics that answer every frame.
     key
-        The topic whose array says that a frame exists.
+        The topic whose array shows that a frame exists.
     done
         Stamp of the last frame that is done already [ns].
 
@@ -76,107 +86,110 @@ class Assembly:
         self._topics = tuple(topics)
         self._key = key
         self._frames: dict[int, Frame] = {}
-        self._unknown: dict[int, None] = {}  # stamps of those whose key array has not come
+        self._unknown: dict[int, None] = {}  # stamps of those whose key array has not arrived
         self._changed: set[int] = set()  # since frames were last taken
-        self._ready = -1  # stamp of the newest frame that was whole
-        self._stated = dict.fromkeys(self._topics, -1)  # newest stamps of odometry
+        self._complete = -1  # stamp of the newest frame that was complete
+        self._newest_state = dict.fromkeys(self._topics, -1)  # newest stamps of odometry
         self._done = done
         self._timeline = Timeline(done)
-        self._mute = dict.fromkeys(self._topics, -1)  # stamps up to which nothing will come
-        self._left: list[Frame] = []  # of before the clock was set back
+        self._unanswered = dict.fromkeys(self._topics, -1)  # no answers to frames up to these
+        self._set_aside: list[Frame] = []  # frames from before the clock was set back
 
-    def add_array(self, topic: str, stamp: int, entries: list[Estimate], now_s: float) -> bool:
-        """Take an array; False if its frame is done already or the array is a second one."""
-        if topic == self._key and self._timeline.judge(stamp) is Verdict.SET_BACK:
-            self._set_back(stamp)
+    def add_array(self, topic: str, stamp: int, entries: list[Estimate], now_s: float) -> Arrival:
+        """Add an array with its stamp [ns] and the wall time of its arrival [s]."""
+        if topic == self._key and self._timeline.classify(stamp) is StampOrder.SET_BACK:
+            self._restart_at(stamp)
         frame = self._frame(stamp)
-        if frame is None or topic in frame.arrays:
-            return False
+        if frame is None:
+            return Arrival.LATE
+        if topic in frame.arrays:
+            return Arrival.REPEATED
         if topic == self._key:
             self._unknown.pop(stamp)
         frame.arrays[topic] = entries
-        frame.arrived[topic] = now_s
-        return True
+        frame.arrived_s[topic] = now_s
+        return Arrival.USED
 
-    def add_state(self, topic: str, stamp: int, state: Estimate) -> bool:
-        """Take an odometry; False if its frame is done already."""
+    def add_state(self, topic: str, stamp: int, state: Estimate) -> Arrival:
+        """Add an odometry with its stamp [ns]."""
         frame = self._frame(stamp)
         if frame is None:
-            return False
+            return Arrival.LATE
         frame.states.setdefault(topic, {})[state.id] = state
-        self._stated[topic] = max(self._stated.get(topic, -1), stamp)
-        return True
+        self._newest_state[topic] = max(self._newest_state.get(topic, -1), stamp)
+        return Arrival.USED
 
     def take(self, older_than_s: float = -float('inf')) -> list[Frame]:
         """
-        Return, oldest first, the frames to be scored now.
+        Remove and return, oldest first, the frames of which nothing more is expected.
 
-        These are the frames whose key array came before ``older_than_s`` [s], those up to the
-        newest that is whole or the first whose odometry is on its way, and those that were
-        waiting when the clock was set back.
+        These are the frames whose key array arrived before ``older_than_s`` [s], those up to the
+        newest complete one or to the first whose odometry is still expected, and those that
+        waited when the clock was set back.
         """
-        left, self._left = self._left, []
-        # Only these can have become whole: of many that wait, each message looks at one.
+        taken, self._set_aside = self._set_aside, []
+        # Only these can have become complete: with many frames waiting, each message checks one.
         changed, self._changed = self._changed, set()
-        whole = [stamp for stamp in changed
-                 if stamp in self._frames and self._is_whole(self._frames[stamp])]
-        self._ready = max([self._ready, *whole])
-        old = self._before(older_than_s) if older_than_s > -float('inf') else []
+        complete = [stamp for stamp in changed
+                    if stamp in self._frames and self._is_complete(self._frames[stamp])]
+        self._complete = max([self._complete, *complete])
+        old = self._arrived_before(older_than_s) if older_than_s > -float('inf') else []
         too_old = max(old, default=-1)
-        newest = max(self._ready, too_old)
+        newest = max(self._complete, too_old)
         if newest <= self._done:
-            return left
+            return taken
         for stamp in sorted(s for s in self._frames if s <= newest):
-            if stamp > too_old and self._is_expected(self._frames[stamp]):
+            if stamp > too_old and self._expects_states(self._frames[stamp]):
                 break
             self._done = stamp
             self._unknown.pop(stamp, None)
-            left.append(self._frames.pop(stamp))
-        return left
+            taken.append(self._frames.pop(stamp))
+        return taken
 
     def expect_no_more(self, topics: Iterable[str], before_s: float) -> None:
-        """Expect no answer of topics to frames whose key array came before a time [s]."""
-        known = self._before(before_s)
+        """Expect no answer of topics to frames whose key array arrived before a time [s]."""
+        known = self._arrived_before(before_s)
         for topic in topics:
-            self._mute[topic] = max([self._mute[topic], *known])
+            self._unanswered[topic] = max([self._unanswered[topic], *known])
         self._changed.update(known)
 
-    def _set_back(self, stamp: int) -> None:
-        """Go on from a stamp that lies before those of frames that are done."""
-        self._left += [
+    def _restart_at(self, stamp: int) -> None:
+        """Continue from a stamp that is earlier than those of frames that are done."""
+        self._set_aside += [
             self._frames[late] for late in sorted(self._frames)
-            if self._key in self._frames[late].arrived]
+            if self._key in self._frames[late].arrays]
         self._frames.clear()
         self._unknown.clear()
-        self._mute = dict.fromkeys(self._topics, -1)
-        self._stated = dict.fromkeys(self._topics, -1)
-        self._ready = -1
+        self._unanswered = dict.fromkeys(self._topics, -1)
+        self._newest_state = dict.fromkeys(self._topics, -1)
+        self._complete = -1
         self._done = stamp - 1
 
     def _frame(self, stamp: int) -> Frame | None:
+        """Return the frame of a stamp, a new one where there is none; None if it is done."""
         if stamp <= self._done:
             return None
         if stamp not in self._frames:
             self._frames[stamp] = Frame(stamp)
             self._unknown[stamp] = None
-            if len(self._unknown) > _MOST_UNKNOWN:  # forget the oldest
+            if len(self._unknown) > _MOST_UNKNOWN:
                 oldest = next(iter(self._unknown))
                 del self._unknown[oldest], self._frames[oldest]
         self._changed.add(stamp)
         return self._frames[stamp]
 
-    def _before(self, time_s: float) -> list[int]:
-        """Return the stamps of frames whose key array came before a time [s]."""
+    def _arrived_before(self, time_s: float) -> list[int]:
+        """Return the stamps of the frames whose key array arrived before a time [s]."""
         return [stamp for stamp, frame in self._frames.items()
-                if frame.arrived.get(self._key, time_s) < time_s]
+                if frame.arrived_s.get(self._key, time_s) < time_s]
 
-    def _is_expected(self, frame: Frame) -> bool:
-        """Return whether odometry of what its arrays name can still come."""
+    def _expects_states(self, frame: Frame) -> bool:
+        """Return whether odometry that the arrays of a frame name can still arrive."""
         return any(
-            frame.stamp > self._mute[topic] and frame.stamp >= self._stated[topic]
+            frame.stamp > self._unanswered[topic] and frame.stamp >= self._newest_state[topic]
             and frame.lacks_states(topic) for topic in self._topics)
 
-    def _is_whole(self, frame: Frame) -> bool:
+    def _is_complete(self, frame: Frame) -> bool:
         return all(
-            frame.stamp <= self._mute[topic] or frame.is_answered(topic)
+            frame.stamp <= self._unanswered[topic] or frame.is_answered(topic)
             for topic in self._topics)

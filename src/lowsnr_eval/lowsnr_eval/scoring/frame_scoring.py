@@ -1,9 +1,11 @@
-"""Scoring of one frame: what a chain declared against the objects that are there."""
+"""Scoring of one frame: what each chain declared against the objects that are present."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from lowsnr_common.core.motion import POS
 from lowsnr_common.core.motion import VEL
@@ -17,14 +19,16 @@ from lowsnr_eval.scoring.metrics import match_within_gate
 from lowsnr_eval.scoring.metrics import root_mean_square
 import numpy as np
 
+LEVELS = ('detection', 'tracking')
+
 
 @dataclass(frozen=True)
 class Answer:
     """
     What a chain answered to one frame; None for what it did not answer.
 
-    ``latency_ms`` is the wall time from the frame to the end of the chain, of which
-    ``detection_ms`` had passed when the detections came.
+    ``latency_ms`` is the wall time from the frame to its tracks, ``detection_ms`` that to its
+    detections.
     """
 
     detections: Sequence[Estimate] | None = None
@@ -33,74 +37,100 @@ class Answer:
     detection_ms: float | None = None
 
 
-@dataclass(frozen=True)
-class Outcome:
+class Comparison(NamedTuple):
     """
-    How an answer compares with the truth of its frame.
+    How the estimates of one frame compare with the objects present in it.
 
-    ``declared`` counts the estimates, ``hit`` has the ids of the objects that were hit, in
-    the order of ``position_errors_m``, (hits,) [m].  ``velocity_errors_mps`` holds only those
-    hits whose velocity was estimated [m/s].  Without truth there is no hit, and neither false
-    alarms nor GOSPA.
+    ``declared`` counts the estimates, ``hit_ids`` are the ids of the objects that were hit.
+    ``rmse_position_m`` is taken over the hits, ``rmse_velocity_mps`` over the ``velocities`` hits
+    whose velocity was estimated; both are None where there is no such hit.  Without truth there
+    is no hit, and false alarms and GOSPA are None.
     """
 
     declared: int
-    hit: tuple[str, ...]
-    false_alarms: int | None
-    position_errors_m: np.ndarray
-    velocity_errors_mps: np.ndarray
-    gospa_m: float | None
-
-    @property
-    def rmse_position_m(self) -> float | None:
-        """Root mean square over the hits of the frame [m]; None of none."""
-        return root_mean_square(self.position_errors_m)
-
-    @property
-    def rmse_velocity_mps(self) -> float | None:
-        """Root mean square over the hits with a velocity [m/s]; None of none."""
-        return root_mean_square(self.velocity_errors_mps)
+    hit_ids: tuple[str, ...] = ()
+    false_alarms: int | None = None
+    rmse_position_m: float | None = None
+    rmse_velocity_mps: float | None = None
+    gospa_m: float | None = None
+    velocities: int = 0
 
 
-@dataclass(frozen=True)
-class FrameScore:
+class FrameScore(NamedTuple):
     """
-    One chain at one level in one frame.
+    The score of one chain at one level in one frame.
 
-    ``outcome`` is None where it did not answer, ``objects`` where the truth is not known.
+    ``object_ids`` is None where the truth is unknown, ``comparison`` where the chain did not
+    answer.
     """
 
     frame: int
     stamp_s: float
     detector: str
     level: str
-    objects: tuple[str, ...] | None
-    outcome: Outcome | None
+    object_ids: tuple[str, ...] | None
+    comparison: Comparison | None
+
+
+def score_frame(
+    frame: int, stamp_s: float, truth: Sequence[Truth] | None, answers: Mapping[str, Answer],
+    evaluation: Evaluation,
+) -> list[FrameScore]:
+    """
+    Score one frame.
+
+    Parameters
+    ----------
+    frame
+        Number of the frame, from 1.
+    stamp_s
+        Its time [s].
+    truth
+        Objects present in it, None where they are unknown.
+    answers
+        The answer of each chain by the name of its detector.
+    evaluation
+        Gate and cutoff.
+
+    Returns
+    -------
+    list of FrameScore
+        One for each chain and level, in the order of the answers.
+
+    """
+    ids = None if truth is None else tuple(item.id for item in truth)
+    return [
+        FrameScore(frame, stamp_s, detector, level, ids,
+                   None if estimates is None else compare(truth, estimates, evaluation))
+        for detector, answer in answers.items()
+        for level, estimates in zip(LEVELS, (answer.detections, answer.tracks))]
 
 
 def compare(
     truth: Sequence[Truth] | None, estimates: Sequence[Estimate], evaluation: Evaluation,
-) -> Outcome:
+) -> Comparison:
     """
     Compare the estimates of one frame with the objects present in it, where they are known.
 
-    Each object is hit by at most one estimate and each estimate hits at most one object.
-    A further estimate within the gate of an object is no hit, but no false alarm either.
+    At most one estimate hits an object, and an estimate hits at most one object.  A second
+    estimate within the gate of an object is neither a hit nor a false alarm.
     """
     if truth is None:
-        return Outcome(len(estimates), (), None, np.empty(0), np.empty(0), None)
+        return Comparison(len(estimates))
     true, found = _states(truth), _states(estimates)
     distance = distances(true[:, POS], found[:, POS])
     rows, columns = match_within_gate(distance, evaluation.gate_m)
     error = found[columns] - true[rows]
     velocity = np.hypot(*error[:, VEL].T)
-    return Outcome(
+    velocity = velocity[np.isfinite(velocity)]
+    return Comparison(
         declared=len(estimates),
-        hit=tuple(truth[row].id for row in rows),
+        hit_ids=tuple(truth[row].id for row in rows),
         false_alarms=count_false_alarms(distance, evaluation.gate_m),
-        position_errors_m=np.hypot(*error[:, POS].T),
-        velocity_errors_mps=velocity[np.isfinite(velocity)],
+        rmse_position_m=root_mean_square(np.hypot(*error[:, POS].T)),
+        rmse_velocity_mps=root_mean_square(velocity),
         gospa_m=gospa(distance, evaluation.gospa_cutoff_m),
+        velocities=velocity.size,
     )
 
 

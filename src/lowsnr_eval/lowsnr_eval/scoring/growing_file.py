@@ -1,42 +1,66 @@
-"""A file that only grows, and outlives a full disk and its own removal."""
+"""A file that only grows, and survives a full disk and its own removal."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+import errno
 import os
 from pathlib import Path
 
-# What is kept of what cannot be written.
+# Bytes that are kept in memory at most while they cannot be written.
 _MOST_WAITING = 2**28
 _PIECE = 2**20
 
 
+@dataclass(frozen=True)
+class WriteFault:
+    """
+    Why a file does not hold all that was appended to it.
+
+    ``error`` is that of the system, None where all waiting bytes were written; ``waiting`` counts
+    the bytes that wait in memory, ``lost`` the pieces that were dropped as too many waited.
+    """
+
+    path: Path
+    error: OSError | None
+    waiting: int
+    lost: int
+
+    def __str__(self) -> str:
+        """Return the fault in one line."""
+        parts = [self.error.strerror or 'it cannot be written'] if self.error else []
+        parts += [f'{self.waiting} bytes wait for room'] * (self.waiting > 0)
+        parts += [f'{self.lost} pieces were lost'] * (self.lost > 0)
+        return f'{self.path}: {"; ".join(parts)}'
+
+
 class GrowingFile:
     """
-    A file that pieces are appended to, each whole and at once.
+    A file to which pieces are appended, each whole and at once.
 
-    What cannot be written, on a full disk, waits in memory and is written before what comes
-    next.  Where the file or its folder was removed, or something else stands in its place,
-    :meth:`settle` makes it again with all that it held.
+    A piece that cannot be written, on a full disk, waits in memory and is written before the
+    next one.  Where the file or its folder was removed or replaced, :meth:`flush` recreates the
+    file with all that it held.
 
     Parameters
     ----------
     path
         The file; its folder exists.
     end
-        Where an earlier file goes on [bytes]; what stands behind is cut off.
+        Size at which an earlier file continues [bytes]; what follows is cut off.
 
     Raises
     ------
     OSError
-        If it cannot be opened.
+        If the file cannot be opened.
     FileExistsError
-        If it holds anything already, and ``end`` does not say how much of that is to stay.
+        If the file is not empty and ``end`` is None.
 
     """
 
     def __init__(self, path: Path, end: int | None = None) -> None:
         self.path = path
-        self.lost = 0
+        self._lost = 0
         self._waiting = bytearray()
         self._file = path.open('a+b', buffering=0)
         self._written = os.fstat(self._file.fileno()).st_size
@@ -45,66 +69,58 @@ class GrowingFile:
             self._written = min(end, self._written)
         elif self._written:
             self._file.close()
-            raise FileExistsError(0, f'{path.name} holds earlier results')
+            raise FileExistsError(errno.EEXIST, f'{path.name} holds earlier results')
 
     @property
     def size(self) -> int:
-        """Bytes that the file holds, with what still waits for room."""
+        """Bytes that the file holds, with those that wait for room."""
         return self._written + len(self._waiting)
 
     def append(self, piece: bytes) -> None:
-        """Write a piece, or keep it until there is room; count it as lost where too many wait."""
+        """Write a piece, or keep it until there is room; drop it where too many wait."""
         if len(self._waiting) + len(piece) > _MOST_WAITING:
-            self.lost += 1
+            self._lost += 1
         else:
             self._waiting += piece
         self._write()
 
-    def settle(self) -> str:
-        """
-        Write what waits, and make the file again where it is gone.
-
-        Returns
-        -------
-        str
-            What is wrong, in words; nothing where all is on disk.
-
-        """
+    def flush(self) -> WriteFault | None:
+        """Write what waits, and recreate the file where it is gone; return what is wrong."""
         try:
-            if not self._stands():
-                self._make_again()
-        except OSError as error:
-            return f'{self.path}: {error.strerror}'
-        trouble = self._write()
-        if self._waiting:
-            return f'{self.path}: {trouble}; {len(self._waiting)} bytes wait for room'
-        return f'{self.path}: {self.lost} pieces were lost for want of room' if self.lost else ''
+            if not self._exists():
+                self._recreate()
+            error = self._write()
+        except OSError as found:
+            error = found
+        if error is None and not self._lost:
+            return None
+        return WriteFault(self.path, error, len(self._waiting), self._lost)
 
     def close(self) -> None:
         """Write what can be written, and close the file."""
-        self.settle()
+        self.flush()
         self._file.close()
 
-    def _write(self) -> str:
-        """Write what waits as far as there is room; say why not all of it."""
+    def _write(self) -> OSError | None:
+        """Write what waits as far as there is room; return why not all of it."""
         try:
             while self._waiting:
                 count = self._file.write(self._waiting)
                 self._written += count
                 del self._waiting[:count]
         except OSError as error:
-            return str(error.strerror)
-        return ''
+            return error
+        return None
 
-    def _stands(self) -> bool:
+    def _exists(self) -> bool:
         """Return whether the path still leads to this file."""
         try:
             return os.path.samestat(self.path.stat(), os.fstat(self._file.fileno()))
         except (FileNotFoundError, NotADirectoryError):
             return False
 
-    def _make_again(self) -> None:
-        """Write all that the file held into a new one of its name, and go on with that."""
+    def _recreate(self) -> None:
+        """Write all that the file held into a new one of its name, and continue with that."""
         self.path.parent.mkdir(parents=True, exist_ok=True)
         draft = self.path.with_name(f'{self.path.name}.tmp')
         new = draft.open('w+b', buffering=0)
@@ -112,7 +128,7 @@ class GrowingFile:
             self._file.seek(0)
             while piece := self._file.read(_PIECE):
                 if new.write(piece) < len(piece):
-                    raise OSError(0, 'No space left on device')
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             draft.replace(self.path)
         except OSError:
             new.close()

@@ -2,7 +2,7 @@
 Figures of merit of Section VI, as pure functions of distances and counts.
 
 Objects and estimates of one frame meet in a matrix of distances, objects by estimates;
-everything else is computed from it.
+all other figures follow from it.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ def match_within_gate(distance: np.ndarray, gate: float) -> tuple[np.ndarray, np
     """
     Pair objects with the estimates that hit them, one with one.
 
-    As many pairs as the gate allows; among all such pairings the one whose distances add
-    up to the least.  With one object this is the nearest estimate within the gate.
+    The pairing has as many pairs as the gate allows, and among those pairings the least sum of
+    distances.  With one object it is the nearest estimate within the gate.
 
     Parameters
     ----------
@@ -149,15 +149,16 @@ def root_mean_square(errors: np.ndarray) -> float | None:
 
 @dataclass
 class RootMeanSquare:
-    """``sqrt(sum of e^2 / n)`` over errors that come a few at a time."""
+    """``sqrt(sum of e^2 / n)`` over errors that come in groups."""
 
     total: float = 0.0
     count: int = 0
 
-    def add(self, errors: np.ndarray) -> None:
-        """Add errors, (n,) of any unit."""
-        self.total += float(np.sum(np.square(errors)))
-        self.count += int(np.size(errors))
+    def add(self, rms: float | None, count: int) -> None:
+        """Add a group of errors by its root mean square, None for that of no errors."""
+        if rms is not None:
+            self.total += count * rms**2
+            self.count += count
 
     @property
     def value(self) -> float | None:

@@ -1,17 +1,18 @@
-"""Which chains a bag holds, and how they are scored."""
+"""The chains that a bag holds, and how they are scored."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from lowsnr_bringup.bags.reader import Bag
+from lowsnr_bringup.bags.recorded_run import ARRAY
 from lowsnr_bringup.bags.recorded_run import check_type
+from lowsnr_bringup.bags.recorded_run import recorded_frames_topic
 from lowsnr_bringup.bags.recorded_run import recorded_parameters
-from lowsnr_bringup.bags.recorded_run import told_frames_topic
-from lowsnr_bringup.bags.replaying import ARRAY
 from lowsnr_bringup.plan import graph
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.node_settings import NodeSettings
@@ -27,8 +28,8 @@ class RecordedChains:
     """
     What is scored of a bag.
 
-    ``names`` has the name that scoring knows a topic by for that of the bag; ``frames_topic`` is
-    the bag's, whether it has it or not.
+    ``names`` maps each topic of the bag to its name in scoring.  The bag may lack the
+    ``frames_topic``.
     """
 
     run: RunSettings
@@ -50,9 +51,9 @@ def find_chains(
     bag
         The bag, open.
     config
-        The configuration, where the bag does not tell how its run was scored.
+        The configuration, for a bag that does not hold the parameters of its run.
     frames_topic, truth_topic
-        Their names in the bag; None for those of the run it is of.
+        Their names in the bag; None for those of the recorded run.
 
     Raises
     ------
@@ -60,9 +61,12 @@ def find_chains(
         One line, if the bag has neither detections nor tracks, or not the truth asked for.
 
     """
-    spaces = _namespaces(bag)
     told = recorded_parameters(bag)
     evaluator = told.get('/evaluator', {})
+    for cls in (NodeSettings, RunSettings):
+        graph.build(cls, evaluator, f'{bag.path}: evaluator')
+    known = dict(zip(_spaces_of(evaluator), evaluator.get('detectors', ())))
+    spaces = _namespaces(bag, known)
     prefix = graph.CONDITIONED if '/conditioner' in told else '/'
     if truth_topic is not None:
         check_type(bag, truth_topic, ARRAY, '--truth-topic')
@@ -70,9 +74,7 @@ def find_chains(
     truth = bag.topics.get(truth_topic) == ARRAY
     if not truth and not any(bag.topics.get(f'{space}/{_LEVELS[0]}') == ARRAY for space in spaces):
         raise ValueError(f'{bag.path}: has neither truth nor detections')
-    for cls in (NodeSettings, RunSettings):
-        graph.build(cls, evaluator, f'{bag.path}: evaluator')
-    names = _names(spaces, dict(zip(_spaces_of(evaluator), evaluator.get('detectors', ()))))
+    names = _names(spaces, known)
     run, evaluation = _settings(bag, config, evaluator, names, truth)
     topics = {f'{space}/{level}': f'{name}/{level}' if len(spaces) > 1 else level
               for space, name in names.items() for level in _LEVELS}
@@ -82,24 +84,26 @@ def find_chains(
         run, evaluation, evaluator.get('seed', 0),
         {own: topic for own, topic in topics.items() if bag.topics.get(own) == ARRAY},
         frames_topic or (
-            f'{prefix}image_raw' if prefix != '/' else told_frames_topic(bag, told)))
+            f'{prefix}image_raw' if prefix != '/' else recorded_frames_topic(bag, told)))
 
 
-def _namespaces(bag: Bag) -> list[str]:
-    """Return the namespaces of the chains, in the order of their names."""
-    spaces = sorted({
+def _namespaces(bag: Bag, known: Iterable[str]) -> list[str]:
+    """Return the namespaces of the chains: in the order of their run, then by name."""
+    spaces = {
         name.removesuffix(f'/{level}') for name, kind in bag.topics.items() for level in _LEVELS
-        if kind == ARRAY and name.endswith(f'/{level}')})
+        if kind == ARRAY and name.endswith(f'/{level}')}
     if not spaces:
         raise ValueError(f'{bag.path}: has neither detections nor tracks of type {ARRAY}')
-    return spaces
+    order = [space for space in known if space in spaces]
+    return order + sorted(spaces.difference(order))
 
 
 def _names(spaces: Sequence[str], known: Mapping[str, str]) -> dict[str, str]:
-    """Return a name for each namespace, the one that its chain is known by; no two alike."""
+    """Return a different name for each namespace, in one line; that of its run if known."""
     names: dict[str, str] = {}
     for space in spaces:
-        wanted = name = known.get(space) or space.strip('/').replace('/', '.') or 'recorded'
+        wanted = name = one_line(
+            known.get(space) or space.strip('/').replace('/', '.')) or 'recorded'
         while name in names.values():
             name = f'{wanted}-{len(names) + 1}'
         names[space] = name
@@ -107,7 +111,7 @@ def _names(spaces: Sequence[str], known: Mapping[str, str]) -> dict[str, str]:
 
 
 def _spaces_of(evaluator: Mapping[str, Any]) -> list[str]:
-    """Return the namespaces of the chains of the run that a bag is of."""
+    """Return the namespaces of the chains of the recorded run."""
     detectors = evaluator.get('detectors', ())
     return [f'/{name}' if evaluator.get('namespaces') else '' for name in detectors]
 

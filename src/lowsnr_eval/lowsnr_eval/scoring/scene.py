@@ -1,8 +1,8 @@
 """
-What a run showed and what was said of it, kept so that a report can play it back.
+The scene of a run: its frames and what they were answered with, for the report's animation.
 
 ``frames.f32`` holds the frames, ``scene.jsonl`` a line for each of them with truth, detections
-and tracks.  Both grow frame by frame, so that an interrupted run can be looked at too.
+and tracks.  Both grow frame by frame, so that the report of an interrupted run has them too.
 """
 
 from __future__ import annotations
@@ -10,12 +10,10 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping
 from collections.abc import Sequence
-from contextlib import ExitStack
 import json
 import math
 import os
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from lowsnr_common.core.motion import POS
@@ -26,11 +24,11 @@ import numpy as np
 
 SCENE_FILE = 'scene.jsonl'
 PIXELS_FILE = 'frames.f32'
-# A frame of more cells is kept reduced.
+# A frame of more cells is reduced.
 _MOST_CELLS = 2**17
-# Of a run, what a page can hold: its first frames up to as many cells or letters.
+# What a page can hold: the first frames of a run up to so many cells or letters.
 _BUDGET = 2**24
-# Frames or scores kept while the other half is on its way.
+# Frames that are kept until their answers arrive, and answers until their frames do.
 WAITING = 32
 
 
@@ -51,12 +49,12 @@ def reduced(frame: np.ndarray, step: int) -> np.ndarray:
 
 class SceneWriter:
     """
-    Writer of the scene of a run; use it in ``with``.
+    Writer of the scene of a run; :meth:`close` it at the end.
 
-    A frame and what was said of it come in any order; they are written when both are there, or
-    when the frame will not come.  The files hold at most 64 MB of frames and 16 MB of marks, the
-    first of the run; after that, or where the disk is full, the writer is ``full`` and takes no
-    notice.
+    A frame and its answers arrive in any order.  The writer writes them when it has both, or
+    when a later frame shows that the frame will not arrive.  The files hold at most 64 MB of
+    frames and 16 MB of text, the first of the run; after that, or where the disk is full, the
+    writer is ``full`` and ignores what it is given.
 
     Parameters
     ----------
@@ -65,7 +63,7 @@ class SceneWriter:
     cell_size_m
         Side of a cell [m].
     resumed
-        Whether it goes on behind what stands in the files.
+        Whether to continue the files of an earlier process.
 
     """
 
@@ -73,24 +71,14 @@ class SceneWriter:
         self._cell_size_m = cell_size_m
         self._letters, self._cells = _cut_to_whole(folder) if resumed else (0, 0)
         self._frames: dict[int, tuple[int, np.ndarray]] = {}
-        self._said: deque[tuple[int, dict[str, Any]]] = deque()
+        self._answers: deque[tuple[int, dict[str, Any]]] = deque()
         self.full = max(self._letters, self._cells) > _BUDGET
-        self._files = ExitStack()
         self._lines, self._pixels = (
-            self._files.enter_context((folder / name).open('ab' if resumed else 'wb', buffering=0))
+            (folder / name).open('ab' if resumed else 'wb', buffering=0)
             for name in (SCENE_FILE, PIXELS_FILE))
 
-    def __enter__(self) -> SceneWriter:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
-
-    def see(self, stamp: int, frame: np.ndarray) -> None:
-        """Take a frame (rows, cols)."""
+    def add_frame(self, stamp: int, frame: np.ndarray) -> None:
+        """Add a frame (rows, cols) with its stamp [ns]."""
         if self.full:
             return
         step = reduction(frame.shape)
@@ -99,13 +87,13 @@ class SceneWriter:
             del self._frames[min(self._frames)]
         self._write(WAITING)
 
-    def say(
+    def add_answers(
         self, number: int, stamp: int, truth: Sequence[Truth], answers: Mapping[str, Answer],
     ) -> None:
-        """Take what is true and what was answered of the frame with a stamp."""
+        """Add the truth and the answers of the frame with a stamp [ns]."""
         if self.full:
             return
-        self._said.append((stamp, {
+        self._answers.append((stamp, {
             'frame': number, 'truth': self._marks(truth),
             'chains': {name: {
                 'detections': self._marks(answer.detections or ()),
@@ -114,22 +102,23 @@ class SceneWriter:
         self._write(WAITING)
 
     def flush(self) -> None:
-        """Write what was said of frames that have not come."""
+        """Write the answers whose frames have not arrived."""
         self._write(0)
 
     def close(self) -> None:
         """Write what waits and close the files."""
         self.flush()
-        self._files.close()
+        self._lines.close()
+        self._pixels.close()
 
     def _write(self, most_waiting: int) -> None:
-        """Write what is whole, and the oldest where more than this many wait."""
-        while self._said and not self.full:
-            stamp, line = self._said[0]
-            # Frames come in order: one that a later one has overtaken does not come.
-            if max(self._frames, default=-1) < stamp and len(self._said) <= most_waiting:
+        """Write what is complete, and the oldest answers where more than this many wait."""
+        while self._answers and not self.full:
+            stamp, line = self._answers[0]
+            # Frames arrive in order: none arrives after a later one.
+            if max(self._frames, default=-1) < stamp and len(self._answers) <= most_waiting:
                 return
-            self._said.popleft()
+            self._answers.popleft()
             step, frame = self._frames.pop(stamp, (1, None))
             self._append(line | {
                 'step': step, 'shape': None if frame is None else list(frame.shape)}, frame)
@@ -148,17 +137,17 @@ class SceneWriter:
             self.full = True
         if self.full:
             self._frames.clear()
-            self._said.clear()
+            self._answers.clear()
 
     def _marks(self, items: Sequence[Truth] | Sequence[Estimate]) -> list[list[Any]]:
-        """Return column, row and id of each that has a place."""
-        places = [(*(item.state[POS] / self._cell_size_m).tolist(), item.id) for item in items]
-        return [[round(x, 3), round(y, 3), name] for x, y, name in places
+        """Return column, row and id of each item with a position."""
+        marks = [(*(item.state[POS] / self._cell_size_m).tolist(), item.id) for item in items]
+        return [[round(x, 3), round(y, 3), name] for x, y, name in marks
                 if np.isfinite(x) and np.isfinite(y)]
 
 
 def _cut_to_whole(folder: Path) -> tuple[int, int]:
-    """Cut both files to the frames that are whole; return the letters and cells left."""
+    """Cut both files to their complete frames; return the letters and cells that remain."""
     letters = cells = 0
     try:
         most = (folder / PIXELS_FILE).stat().st_size // 4
@@ -170,7 +159,7 @@ def _cut_to_whole(folder: Path) -> tuple[int, int]:
         os.truncate(folder / SCENE_FILE, letters)
         os.truncate(folder / PIXELS_FILE, 4 * cells)
     except (OSError, ValueError, KeyError, TypeError):
-        letters = cells = _BUDGET + 1  # nothing is to be added to what cannot be read
+        letters = cells = _BUDGET + 1  # add nothing to what cannot be read
     return letters, cells
 
 
@@ -181,7 +170,7 @@ def read_scene(folder: Path) -> tuple[list[dict[str, Any]], list[np.ndarray | No
     Returns
     -------
     list of dict
-        What each line of ``scene.jsonl`` holds; a line cut off by a crash is left out.
+        What each line of ``scene.jsonl`` holds, without a last line that a crash cut off.
     list of ndarray or None
         The (rows, cols) frame of each.
 

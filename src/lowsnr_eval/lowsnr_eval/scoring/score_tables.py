@@ -1,98 +1,201 @@
 """
-The tables ``frames.csv`` and ``latency.csv``: scores to lines, and lines back to scores.
+The tables of a run, ``frames.csv`` and ``latency.csv``: written, continued, and read back.
 
-A line has all that the figures of a run are made of, so that they can be made again from it.
+``frames.csv`` is what was scored: one line for each frame, detector and level, with all that the
+figures of a run are computed from, and nothing that depends on the wall clock.  ``latency.csv``
+holds the wall times.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable
+from collections.abc import Iterator
+from collections.abc import Mapping
+from collections.abc import Sequence
 import csv
-import io
-from typing import Any
-from urllib.parse import quote
-from urllib.parse import unquote
+from itertools import groupby
+from itertools import product
+import mmap
+from pathlib import Path
+from typing import TypeVar
 
+from lowsnr_bringup.run.results_folder import cannot_write
+from lowsnr_bringup.run.results_folder import FRAMES_FILE
+from lowsnr_bringup.run.results_folder import LATENCY_FILE
+from lowsnr_eval.scoring import score_rows as rows
 from lowsnr_eval.scoring.frame_scoring import Answer
 from lowsnr_eval.scoring.frame_scoring import FrameScore
-from lowsnr_eval.scoring.frame_scoring import Outcome
-import numpy as np
+from lowsnr_eval.scoring.frame_scoring import LEVELS
+from lowsnr_eval.scoring.growing_file import GrowingFile
+from lowsnr_eval.scoring.growing_file import WriteFault
 
-FRAME_COLUMNS = (
-    'frame', 'stamp_s', 'detector', 'level', 'objects', 'declared', 'hits', 'false_alarms',
-    'rmse_position_m', 'rmse_velocity_mps', 'gospa_m', 'velocities', 'object_ids', 'hit_ids')
-LATENCY_COLUMNS = ('frame', 'detector', 'latency_ms', 'detection_ms')
-_NAMELESS = '%'
+T = TypeVar('T')
 
 
-def as_lines(rows: Iterable[Iterable[Any]]) -> bytes:
-    """Return rows as CSV."""
-    text = io.StringIO()
-    csv.writer(text, lineterminator='\n').writerows(rows)
-    return text.getvalue().encode()
-
-
-def frame_row(score: FrameScore) -> list[Any]:
-    """Return the fields of a score; those without an answer or without truth are empty."""
-    # repr is the shortest text that reads back as the same time, also for seconds since 1970.
-    stamp = repr(float(score.stamp_s))
-    objects = '' if score.objects is None else len(score.objects)
-    row: list[Any] = [score.frame, stamp, score.detector, score.level, objects]
-    outcome, ids = score.outcome, _id_field(score.objects or ())
-    if outcome is None:
-        return row + [''] * (len(FRAME_COLUMNS) - len(row) - 2) + [ids, '']
-    figures = (outcome.rmse_position_m, outcome.rmse_velocity_mps, outcome.gospa_m)
-    return row + [
-        outcome.declared, *(
-            ('', '') if score.objects is None else (len(outcome.hit), outcome.false_alarms)),
-        *('' if value is None else f'{value:.9g}' for value in figures),
-        outcome.velocity_errors_mps.size, ids, _id_field(outcome.hit)]
-
-
-def frame_score(row: Iterable[str]) -> FrameScore:
+class ScoreTables:
     """
-    Return the score that a row tells of; errors of several hits are their root mean square.
+    Writer of both tables.
+
+    Every line is on disk when the call returns, so that a process that is killed loses nothing
+    that it scored.  On a full disk lines wait in memory until there is room.
+
+    Parameters
+    ----------
+    folder
+        Results folder, which exists.
+    detectors
+        Names of the chains.
+    resumed
+        Whether to continue the tables of an earlier process.  ``number`` and ``stamp_ns`` are
+        then those of the last frame whose lines are all there; what follows them is cut off.
 
     Raises
     ------
     ValueError
-        If the row is not one of :func:`frame_row`.
+        One line, if the folder holds earlier results and is not to be continued, cannot be
+        written to, or holds a table that no evaluator wrote.
 
     """
-    (frame, stamp, detector, level, objects, declared, _, false_alarms, position, velocity, gospa,
-     velocities, object_ids, hit_ids) = row
-    outcome = None
-    if declared:
-        hit = _ids(hit_ids)
-        outcome = Outcome(
-            int(declared), hit, int(false_alarms) if false_alarms else None,
-            _repeated(position, len(hit)), _repeated(velocity, int(velocities)),
-            float(gospa) if gospa else None)
-    return FrameScore(
-        int(frame), float(stamp), detector, level, _ids(object_ids) if objects else None, outcome)
+
+    def __init__(self, folder: Path, detectors: Sequence[str], resumed: bool = False) -> None:
+        frames, latency = folder / FRAMES_FILE, folder / LATENCY_FILE
+        self.number, self.stamp_ns = 0, -1
+        ends: tuple[int | None, int | None] = (None, None)
+        if resumed:
+            self.number, self.stamp_ns, end = _last_frame(frames, len(LEVELS) * len(detectors))
+            ends = (end, _latency_end(latency, self.number))
+        self._frames = _opened(frames, rows.FRAME_COLUMNS, ends[0])
+        try:
+            self._latency = _opened(latency, rows.LATENCY_COLUMNS, ends[1])
+        except ValueError:
+            self._frames.close()
+            raise
+
+    def add(self, scores: Sequence[FrameScore], answers: Mapping[str, Answer]) -> None:
+        """Append the scores of a frame, and the wall times of the answers to it."""
+        self._frames.append(rows.as_lines(map(rows.frame_row, scores)))
+        self._latency.append(rows.as_lines(
+            rows.latency_row(scores[0].frame, name, answer)
+            for name, answer in answers.items() if answer.latency_ms is not None))
+
+    def flush(self) -> WriteFault | None:
+        """Write what waits for room, recreate what was removed; return what prevents it."""
+        faults = [self._frames.flush(), self._latency.flush()]
+        return faults[0] or faults[1]
+
+    def close(self) -> None:
+        """Write what can be written, and close the files."""
+        self._frames.close()
+        self._latency.close()
 
 
-def latency_row(frame: int, detector: str, answer: Answer) -> list[Any]:
-    """Return the fields of the wall times from a frame to tracks and detections [ms]."""
-    times = (answer.latency_ms, answer.detection_ms)
-    return [frame, detector, *('' if each is None else f'{each:.3f}' for each in times)]
+def read_frames(path: Path, detectors: Sequence[str]) -> Iterator[list[FrameScore]]:
+    """
+    Yield the scores of each frame of ``frames.csv``, in order, one frame in memory at a time.
+
+    A last frame whose lines are not all there is left out.
+
+    Raises
+    ------
+    ValueError
+        One line, if the file is not a table of these chains.
+
+    """
+    wanted = list(product(detectors, LEVELS))
+    unfinished = 0
+    lines = _lines(path, rows.FRAME_COLUMNS)
+    scores = (_parsed(path, line, rows.frame_score) for line in lines)
+    for number, group in groupby(scores, lambda score: score.frame):
+        frame = list(group)
+        found = [(score.detector, score.level) for score in frame]
+        if unfinished or found != wanted[:len(found)]:
+            raise ValueError(f'{path}: frame {unfinished or number} has not one line for each '
+                             'detector and level')
+        if len(found) < len(wanted):
+            unfinished = number
+        else:
+            yield frame
 
 
-def latencies(row: Iterable[str]) -> tuple[int, str, Answer]:
-    """Return frame, detector and times of a row of :func:`latency_row`, or raise ValueError."""
-    frame, detector, *times = row
-    latency_ms, detection_ms = (float(each) if each else None for each in times)
-    return int(frame), detector, Answer(None, None, latency_ms, detection_ms)
+def read_latency(path: Path, detectors: Sequence[str]) -> Iterator[rows.Latency]:
+    """
+    Yield the wall times of ``latency.csv``.
+
+    Raises
+    ------
+    ValueError
+        One line, if the file is not a table of these chains.
+
+    """
+    for line in _lines(path, rows.LATENCY_COLUMNS):
+        found = _parsed(path, line, rows.latency)
+        if found.detector not in detectors:
+            raise ValueError(f'{path}: {found.detector!r} is not a detector of this run')
+        yield found
 
 
-def _id_field(ids: Iterable[str]) -> str:
-    """Return ids as one field, apart by spaces; what is not a plain letter is escaped."""
-    return ' '.join(quote(name, safe='') or _NAMELESS for name in ids)
+def _last_frame(path: Path, lines_a_frame: int) -> tuple[int, int, int]:
+    """Return number and stamp [ns] of the last whole frame, and where it ends [bytes]."""
+    number, count, end = -1, 0, 0
+    for stop, line in _lines_backwards(path, rows.FRAME_COLUMNS):
+        score = _parsed(path, line, rows.frame_score)
+        if score.frame != number:
+            number, count, end = score.frame, 0, stop
+        count += 1
+        if count == lines_a_frame:
+            return number, round(1e9 * score.stamp_s), end
+    return 0, -1, 0
 
 
-def _ids(field: str) -> tuple[str, ...]:
-    return tuple('' if name == _NAMELESS else unquote(name) for name in field.split())
+def _latency_end(path: Path, number: int) -> int:
+    """Return where the last line of a frame up to this one ends [bytes]."""
+    lines = _lines_backwards(path, rows.LATENCY_COLUMNS)
+    return next((stop for stop, line in lines
+                 if _parsed(path, line, rows.latency).frame <= number), 0)
 
 
-def _repeated(field: str, count: int) -> np.ndarray:
-    return np.full(count, float(field)) if count else np.empty(0)
+def _opened(path: Path, columns: Sequence[str], end: int | None) -> GrowingFile:
+    """Open a table, with its header."""
+    try:
+        file = GrowingFile(path, end)
+    except OSError as error:
+        raise cannot_write(path.parent, error) from None
+    if file.size == 0:
+        file.append(rows.as_lines([columns]))
+    return file
+
+
+def _lines(path: Path, columns: Sequence[str]) -> Iterator[bytes]:
+    """Yield the lines after the header; a last one that was cut off is left out."""
+    with path.open('rb') as file:
+        _check_header(path, file.readline(), columns)
+        for line in file:
+            if line.endswith(b'\n'):
+                yield line
+
+
+def _lines_backwards(path: Path, columns: Sequence[str]) -> Iterator[tuple[int, bytes]]:
+    """Yield the whole lines after the header, the last first, and where each ends [bytes]."""
+    if not path.is_file() or not path.stat().st_size:
+        return
+    with path.open('rb') as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        first = data.readline()
+        _check_header(path, first, columns)
+        stop = data.rfind(b'\n') + 1
+        while stop > len(first):
+            start = data.rfind(b'\n', 0, stop - 1) + 1
+            yield stop, data[start:stop]
+            stop = start
+
+
+def _check_header(path: Path, line: bytes, columns: Sequence[str]) -> None:
+    """Raise ValueError where the first line is neither the header nor its cut-off beginning."""
+    if not rows.as_lines([columns]).startswith(line):
+        raise ValueError(f'{path}: its first line is not {",".join(columns)}')
+
+
+def _parsed(path: Path, line: bytes, parse: Callable[[bytes], T]) -> T:
+    try:
+        return parse(line)
+    except (ValueError, csv.Error):
+        raise ValueError(f'{path}: {line[:200]!r} is not a line of this table') from None

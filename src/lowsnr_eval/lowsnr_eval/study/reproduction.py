@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from collections.abc import Mapping
 
-from lowsnr_detect.calibration.calibration import calibrated
+from lowsnr_detect.calibration.operating_point import calibrated
 from lowsnr_eval.study.experiment import Block
 from lowsnr_eval.study.experiment import BlockResults
 from lowsnr_eval.study.experiment import run_block

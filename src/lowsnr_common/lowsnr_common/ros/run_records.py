@@ -1,0 +1,159 @@
+"""
+The bookkeeping of a run as typed records: what ``scored`` and ``restarts`` carry, and back.
+
+Both topics are ``diagnostic_msgs/DiagnosticArray``, whose values are text that anybody may
+publish.  This is the one module that writes and reads that text.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+import re
+
+from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import KeyValue
+from lowsnr_common.core.records import Malformed
+from lowsnr_common.ros.messages import stamp_key
+
+SCORED, RESTARTS = 'scored', 'restarts'
+_MOST_CHAINS, _LONGEST_NAME = 1000, 255
+_LONGEST_START_S = 3600.0
+_NANO = 1_000_000_000
+# Fifteen digits are exact as a float and more than any run counts to.
+_COUNT, _SECONDS = re.compile('[0-9]{1,15}'), re.compile(r'[0-9]{1,7}(\.[0-9]{1,9})?')
+
+
+@dataclass(frozen=True)
+class ChainCounts:
+    """How many detections and tracks one chain declared in a frame."""
+
+    detector: str
+    detections: int
+    tracks: int
+
+
+@dataclass(frozen=True)
+class FrameScored:
+    """
+    The evaluator has scored a frame.
+
+    ``stamp_ns`` is the time of the frame [ns], ``frame`` its number from 1.
+    """
+
+    stamp_ns: int
+    frame: int
+    chains: tuple[ChainCounts, ...]
+
+    def to_message(self) -> DiagnosticArray:
+        """Return the record as a message: one status for each chain."""
+        message = DiagnosticArray(status=[
+            DiagnosticStatus(name=chain.detector, values=_pairs(
+                frame=self.frame, detections=chain.detections, tracks=chain.tracks))
+            for chain in self.chains])
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(self.stamp_ns, _NANO)
+        return message
+
+    @classmethod
+    def from_message(cls, message: DiagnosticArray) -> FrameScored:
+        """
+        Return the record that a message holds.
+
+        Raises
+        ------
+        Malformed
+            If the stamp is negative or has too many nanoseconds, there is no chain or more than
+            1000, a name is longer than 255 letters or occurs twice, keys are missing, unknown or
+            repeated, a value is not a count, or the chains name different frames or frame 0.
+
+        """
+        stamp = message.header.stamp
+        if stamp.sec < 0 or stamp.nanosec >= _NANO:
+            raise Malformed('not a stamp', f'the stamp is {stamp.sec} s and {stamp.nanosec} ns')
+        if not 0 < len(message.status) <= _MOST_CHAINS:
+            raise Malformed('number of chains', f'{len(message.status)} chains, must be 1 to '
+                            f'{_MOST_CHAINS}')
+        counts = [_counts(status) for status in message.status]
+        frames = {frame for frame, _ in counts}
+        if len(frames) > 1 or 0 in frames:
+            raise Malformed('number of the frame', f'the chains name the frames {sorted(frames)}')
+        chains = tuple(chain for _, chain in counts)
+        if len({chain.detector for chain in chains}) < len(chains):
+            raise Malformed('name of two chains', 'two chains have the same name')
+        return cls(stamp_key(stamp), frames.pop(), chains)
+
+
+@dataclass(frozen=True)
+class NodeRestarted:
+    """
+    A node died and is active again.
+
+    ``node`` is its fully qualified name, ``death`` says how it ended, ``started_s_ago`` is the
+    wall time since its new process was started [s].
+    """
+
+    node: str
+    death: str
+    started_s_ago: float
+
+    def to_message(self) -> DiagnosticArray:
+        """Return the record as a message of one status."""
+        return DiagnosticArray(status=[DiagnosticStatus(
+            level=DiagnosticStatus.WARN, name=self.node, message=self.death,
+            values=_pairs(started_s_ago=f'{self.started_s_ago:.3f}'))])
+
+    @classmethod
+    def from_message(cls, message: DiagnosticArray) -> NodeRestarted:
+        """
+        Return the record that a message holds.
+
+        Raises
+        ------
+        Malformed
+            If it does not describe exactly one node, the name is not a full one of at most 255
+            letters, the key is missing, or the time is not one from 0 to 3600 s.
+
+        """
+        if len(message.status) != 1:
+            raise Malformed('number of nodes', f'{len(message.status)} nodes, must be 1')
+        status, = message.status
+        name = _name(status)
+        if not name.startswith('/'):
+            raise Malformed('not a full name', f'{name!r} is not the full name of a node')
+        text = _values(status, ('started_s_ago',))['started_s_ago']
+        if not _SECONDS.fullmatch(text) or float(text) > _LONGEST_START_S:
+            raise Malformed('not a time', f'started_s_ago = {text[:40]!r}, must be 0 to '
+                            f'{_LONGEST_START_S:g} s')
+        return cls(name, status.message, float(text))
+
+
+def _pairs(**values: object) -> list[KeyValue]:
+    return [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+
+
+def _counts(status: DiagnosticStatus) -> tuple[int, ChainCounts]:
+    """Return the number of the frame, and what a chain declared in it."""
+    texts = _values(status, ('frame', 'detections', 'tracks'))
+    for key, text in texts.items():
+        if not _COUNT.fullmatch(text):
+            raise Malformed('not a count', f'{key} = {text[:40]!r} is not a count')
+    return int(texts['frame']), ChainCounts(
+        _name(status), int(texts['detections']), int(texts['tracks']))
+
+
+def _values(status: DiagnosticStatus, wanted: Iterable[str]) -> dict[str, str]:
+    """Return the values of a status that has these keys, each once, and no other."""
+    keys = [item.key for item in status.values]
+    if sorted(keys) != sorted(wanted):
+        raise Malformed('wrong keys', f'the keys are {[key[:40] for key in keys[:5]]}, must be '
+                        f'{list(wanted)}')
+    return {item.key: item.value for item in status.values}
+
+
+def _name(status: DiagnosticStatus) -> str:
+    name = str(status.name)
+    if len(name) > _LONGEST_NAME:
+        raise Malformed('name too long', f'name {name[:20]!r}... has {len(name)} letters, at '
+                        f'most {_LONGEST_NAME}')
+    return name

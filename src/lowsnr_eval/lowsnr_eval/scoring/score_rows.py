@@ -1,0 +1,106 @@
+"""The rows of ``frames.csv`` and ``latency.csv``: scores to lines, and lines back to scores."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+import csv
+from functools import lru_cache
+import io
+from typing import Any
+from typing import NamedTuple
+from urllib.parse import quote
+from urllib.parse import unquote
+
+from lowsnr_eval.scoring.frame_scoring import Answer
+from lowsnr_eval.scoring.frame_scoring import Comparison
+from lowsnr_eval.scoring.frame_scoring import FrameScore
+
+FRAME_COLUMNS = (
+    'frame', 'stamp_s', 'detector', 'level', 'objects', 'declared', 'hits', 'false_alarms',
+    'rmse_position_m', 'rmse_velocity_mps', 'gospa_m', 'velocities', 'object_ids', 'hit_ids')
+LATENCY_COLUMNS = ('frame', 'detector', 'latency_ms', 'detection_ms')
+_NAMELESS = '%'
+_LONGEST_CACHED = 200
+# The ids of 10,000 objects of 255 letters, each letter escaped, are 31 MB.
+csv.field_size_limit(2**26)
+
+
+class Latency(NamedTuple):
+    """The wall times from a frame to the tracks and to the detections of a chain [ms]."""
+
+    frame: int
+    detector: str
+    latency_ms: float
+    detection_ms: float | None
+
+
+def as_lines(rows: Iterable[Iterable[Any]]) -> bytes:
+    """Return rows as CSV."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator='\n').writerows(rows)
+    return text.getvalue().encode()
+
+
+def frame_row(score: FrameScore) -> list[Any]:
+    """Return the fields of a score; those without an answer or without truth are empty."""
+    # repr is the shortest text that reads back as the same time, also for seconds since 1970.
+    stamp = repr(float(score.stamp_s))
+    truth, comparison = score.object_ids is not None, score.comparison
+    ids = score.object_ids or ()
+    row = [score.frame, stamp, score.detector, score.level, len(ids) if truth else '']
+    if comparison is None:
+        return [*row, *[''] * 7, _id_field(ids), '']
+    figures = (comparison.rmse_position_m, comparison.rmse_velocity_mps, comparison.gospa_m)
+    return [
+        *row, comparison.declared, len(comparison.hit_ids) if truth else '',
+        comparison.false_alarms if truth else '',
+        *('' if value is None else f'{value:.9g}' for value in figures),
+        comparison.velocities, _id_field(ids), _id_field(comparison.hit_ids)]
+
+
+def frame_score(line: bytes) -> FrameScore:
+    """Return the score that a line of :func:`frame_row` holds, or raise ValueError."""
+    frame, stamp, rest = line.split(b',', 2)
+    # In a long run most lines are alike, but for frame and stamp.
+    parse = _cached_score_of if len(rest) < _LONGEST_CACHED else _score_of
+    return FrameScore(int(frame), float(stamp), *parse(rest))
+
+
+def _score_of(rest: bytes) -> tuple[str, str, tuple[str, ...] | None, Comparison | None]:
+    """Return detector, level, ids of the objects and comparison of a line without its frame."""
+    (detector, level, objects, declared, _, false_alarms, position, velocity, gospa, velocities,
+     object_ids, hit_ids) = next(csv.reader([rest.decode()]))
+    ids = _ids(object_ids) if objects else None
+    if not declared:
+        return detector, level, ids, None
+    return detector, level, ids, Comparison(
+        int(declared), _ids(hit_ids), int(false_alarms) if false_alarms else None,
+        float(position) if position else None, float(velocity) if velocity else None,
+        float(gospa) if gospa else None, int(velocities))
+
+
+_cached_score_of = lru_cache(maxsize=4096)(_score_of)
+
+
+def latency_row(frame: int, detector: str, answer: Answer) -> list[Any]:
+    """Return the fields of the wall times of an answer that has tracks."""
+    times = (answer.latency_ms, answer.detection_ms)
+    return [frame, detector, *('' if each is None else f'{each:.3f}' for each in times)]
+
+
+def latency(line: bytes) -> Latency:
+    """Return the wall times that a line of :func:`latency_row` holds, or raise ValueError."""
+    frame, detector, tracks, detections = next(csv.reader([line.decode()]))
+    return Latency(int(frame), detector, float(tracks), float(detections) if detections else None)
+
+
+def _id_field(ids: Iterable[str]) -> str:
+    """Return ids as one field, separated by spaces, all but plain letters escaped."""
+    return ' '.join(quote(name, safe='') or _NAMELESS for name in ids)
+
+
+def _ids(field: str) -> tuple[str, ...]:
+    names = field.split()
+    if '%' in field:
+        names = ['' if name == _NAMELESS else unquote(name) for name in names]
+    return tuple(names)
