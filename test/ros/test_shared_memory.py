@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-import time
 
 from dying_sender import die_in
 from dying_sender import open_files
@@ -58,7 +57,7 @@ def processes():
     assert lived
 
 
-@pytest.mark.parametrize('made_s', [1.0, time.time() + 1e6])  # long ago, before it was set back
+@pytest.mark.parametrize('made_s', [1.0, 4e9], ids=['long ago', 'before the clock was set back'])
 def test_segments_of_a_killed_process_are_removed_and_those_of_others_stay(processes, made_s):
     (gone, _), (kept, _), _ = processes
     assert gone
@@ -67,7 +66,7 @@ def test_segments_of_a_killed_process_are_removed_and_those_of_others_stay(proce
         guarded(lock).touch()
         lock.touch()
         os.utime(lock, (made_s, made_s))
-    assert clear_leftovers() >= len(gone)
+    clear_leftovers()  # unless a graph of another test has removed them already
     assert not any(lock.exists() or guarded(lock).exists() for lock in gone)
     assert all(lock.exists() and guarded(lock).exists() for lock in kept)
 
