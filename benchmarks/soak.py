@@ -137,7 +137,8 @@ def lied(stranger: Any, soak: Soak, what: str, topic: str, garbage: Any, rng: An
 def kind_of(topic: str) -> type:
     """Return the type of a topic."""
     from graph_client import SUBSCRIBED
-    return SUBSCRIBED[topic]
+    kind: type = SUBSCRIBED[topic]
+    return kind
 
 
 def look(run: Any, soak: Soak, now_s: float) -> None:
