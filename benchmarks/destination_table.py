@@ -1,14 +1,13 @@
 """
-Table of what it gains to know where objects are bound for, and costs to be wrong.
+Table of the gain in P_D from a right destination of the objects, and of the loss from a wrong one.
 
-Objects move at random as config/scenarios/random.yaml says, but turn gently, and of all such
-paths through the frame those are taken that end in frame 35 at the destination, give or take its
-standard deviation.  Every detector knows how objects move; of the destination it is told nothing,
-the truth, a place 5 cells away, or one at the opposite corner, always with a probability of 0.9
-that it is right.
-P_D is the share of frames 10 to 35 with a declaration within the gate; every variant is
-calibrated by itself to the same share of empty frames with any declaration.  Intervals are 95 %,
-by bootstrap over whole runs; a gain is P_D less that without a destination on the same frames.
+Objects move at random as in config/scenarios/random.yaml, but with gentle turns, and end in frame
+35 at the destination, with its standard deviation.  Every detector has the motion of the objects.
+Its destination is none, the right one, a place 5 cells away, or the opposite corner, each with a
+probability of 0.9.
+P_D is the fraction of frames 10 to 35 with a declaration within the gate; every variant is
+calibrated to the same fraction of empty frames with any declaration.  Intervals are 95 %, by
+bootstrap over whole runs; a gain is P_D minus that without a destination on the same frames.
 """
 
 import argparse
@@ -17,6 +16,10 @@ from dataclasses import replace
 from pathlib import Path
 import sys
 from typing import Any
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from lowsnr_detect.parts.detector import Detector
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'scripts'))
@@ -30,11 +33,11 @@ from detector_table import Method  # noqa: E402
 SNRS_DB = (3.0, 6.0, 9.0)
 BLOCK = 20
 ARRIVAL = 35
-# The destination and its standard deviation [m], and the probability that detectors give it.
+# The destination and its standard deviation [m], and its probability in the detectors.
 PLACE = (15.0, 14.0)
 STD = 1.0
 PROBABILITY = 0.9
-TOLD = {'none': None, 'right': PLACE, '5 cells off': (11.0, 11.0), 'opposite': (1.0, 1.0)}
+DESTINATIONS = {'none': None, 'right': PLACE, '5 cells off': (11.0, 11.0), 'opposite': (1.0, 1.0)}
 METHODS = (
     Method('sdt s_m=8 prior', 'sdt', {'max_iterations': 8, 'move_prior': True}),
     Method('mmtbd2', 'mmtbd2'),
@@ -42,7 +45,7 @@ METHODS = (
     Method('tbd2', 'tbd2'),
 )
 FIELDS = (
-    'method', 'snr_db', 'told', 'pd', 'pd_low', 'pd_high', 'gain', 'gain_low', 'gain_high',
+    'method', 'snr_db', 'destination', 'pd', 'pd_low', 'pd_high', 'gain', 'gain_low', 'gain_high',
     'empty_rate', 'threshold', 'threshold_low', 'threshold_high', 'turn_deg_s', 'runs',
     'calibration_runs', 'seed')
 
@@ -71,8 +74,9 @@ def main() -> int:
         for method in (method for method in METHODS if method.label in options.method):
             for snr_db in options.snr:
                 for row in measure(method, snr_db, options):
-                    print('{method:>16} {snr_db:5g} dB  {told:>12}  P_D {pd:.3f} [{pd_low:.3f}, '
-                          '{pd_high:.3f}]  gain {gain:+.3f} [{gain_low:+.3f}, {gain_high:+.3f}]  '
+                    print('{method:>16} {snr_db:5g} dB  {destination:>12}  '
+                          'P_D {pd:.3f} [{pd_low:.3f}, {pd_high:.3f}]  '
+                          'gain {gain:+.3f} [{gain_low:+.3f}, {gain_high:+.3f}]  '
                           'empty {empty_rate:.4f}'.format(**row), flush=True)
                     writer.writerow(row)
                     file.flush()
@@ -83,18 +87,19 @@ def main() -> int:
 def measure(method: Method, snr_db: float, options: argparse.Namespace) -> list[dict[str, Any]]:
     """Calibrate every variant of a method and score all on the same runs."""
     from lowsnr_common.core.measurement import SensorModel
-    from lowsnr_detect.calibration.calibration import calibrated
-    from lowsnr_detect.calibration.false_alarms import empty_frame_peaks
-    from lowsnr_detect.calibration.false_alarms import Simulation
+    from lowsnr_detect.calibration.empty_frames import empty_frame_peaks
+    from lowsnr_detect.calibration.empty_frames import Simulation
+    from lowsnr_detect.calibration.operating_point import calibrated
     from lowsnr_sensor.scenario import load_scenario
 
     scenario = load_scenario(ROOT / 'config' / 'scenarios' / 'random.yaml')
     (item,) = scenario.objects
+    assert item.random is not None
     motion = replace(item.random, turn_rates_deg_s=(0.0, options.turn, -options.turn))
     scenario = replace(scenario, objects=(replace(item, random=motion),))
     sensor = SensorModel(snr_db=snr_db)
     rows, plain = [], None
-    for told, place in TOLD.items():
+    for destination, place in DESTINATIONS.items():
         detector = build(replace(method, settings=method.settings | bound_for(place)),
                          sensor, motion)
         found = calibrated(detector, 0.01, scenario.shape, runs=options.calibration_runs)
@@ -105,7 +110,7 @@ def measure(method: Method, snr_db: float, options: argparse.Namespace) -> list[
         empty = empty_frame_peaks(detector, Simulation(
             options.runs, scenario.frames, scenario.shape, options.seed + 1_000_003))
         rows.append(dict(zip(FIELDS, (
-            method.label, snr_db, told, hits.mean(), *bootstrap(hits, options.seed),
+            method.label, snr_db, destination, hits.mean(), *bootstrap(hits, options.seed),
             (hits - plain).mean(), *bootstrap(hits - plain, options.seed),
             (empty > found.threshold).mean(), found.threshold, *found.interval,
             options.turn, options.runs, options.calibration_runs, options.seed))))
@@ -113,7 +118,7 @@ def measure(method: Method, snr_db: float, options: argparse.Namespace) -> list[
 
 
 def bound_for(place: tuple[float, float] | None) -> dict[str, Any]:
-    """Return the settings of a detector that is told a destination."""
+    """Return the settings of a detector for a destination."""
     if place is None:
         return {}
     values = {'probability': PROBABILITY, 'x_m': place[0], 'y_m': place[1], 'std_m': STD,
@@ -121,13 +126,13 @@ def bound_for(place: tuple[float, float] | None) -> dict[str, Any]:
     return {f'destination.{key}': value for key, value in values.items()}
 
 
-def all_hits(detector: Any, scenario: Any, sensor: Any, runs: int, seed: int) -> Any:
-    """Return the share of scored frames with a hit, for each run."""
+def all_hits(detector: 'Detector', scenario: Any, sensor: Any, runs: int, seed: int) -> Any:
+    """Return the fraction of scored frames with a hit, for each run."""
     from lowsnr_common.settings.node_settings import Evaluation
     from lowsnr_eval.study.offline_chain import detect
     import numpy as np
 
-    shares = []
+    fractions = []
     for first in range(0, runs, BLOCK):
         truth, frames = zip(*(
             simulate(scenario, sensor, seed, run)
@@ -135,8 +140,8 @@ def all_hits(detector: Any, scenario: Any, sensor: Any, runs: int, seed: int) ->
         (answers,) = detect([detector], np.stack(frames), seed, first)
         states = np.stack([declared.state for declared in answers], axis=1)[:, FRAMES, :, ::2]
         away = np.linalg.norm(states - np.stack(truth)[:, FRAMES, None, ::2], axis=-1)
-        shares.append(np.any(away <= Evaluation().gate_m, axis=-1).mean(axis=1))
-    return np.concatenate(shares)
+        fractions.append(np.any(away <= Evaluation().gate_m, axis=-1).mean(axis=1))
+    return np.concatenate(fractions)
 
 
 def simulate(scenario: Any, sensor: Any, seed: int, run: int) -> tuple[Any, Any]:
@@ -159,7 +164,7 @@ def path_to(item: Any, shape: tuple[int, int], rng: Any) -> Any:
     """
     Draw a path (frames, 4) that ends at the destination, in cells of a metre.
 
-    Motion is the same everywhere, so that a path moved to end there is one of those that do.
+    The motion does not depend on the position, so that any path is shifted to its end.
     """
     from lowsnr_common.core.motion import POS
     from lowsnr_common.core.motion import VEL

@@ -1,9 +1,9 @@
 """
-Table of P_D against SNR for all detectors at the same share of false alarms.
+Table of P_D against SNR for all detectors at the same false-alarm probability.
 
-Objects move at random as config/scenarios/random.yaml says, and detectors that know how objects
-move know that.  P_D is the share of frames 10 to 35, in which the object is there for at least
-five, with a declaration within the gate; every detector is calibrated to the same share of
+Objects move at random as in config/scenarios/random.yaml, and detectors with a motion model have
+that motion.  P_D is the fraction of frames 10 to 35, in which the object is there for at least
+five, with a declaration within the gate; every detector is calibrated to the same fraction of
 empty frames with any declaration.  Intervals are 95 %, by bootstrap over whole runs.
 """
 
@@ -18,6 +18,10 @@ from pathlib import Path
 from statistics import NormalDist
 import sys
 from typing import Any
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from lowsnr_detect.parts.detector import Detector
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'scripts'))
@@ -36,7 +40,7 @@ FIELDS = (
 
 @dataclass(frozen=True)
 class Method:
-    """A registered detector with settings of its own; ``lag`` is that of its answers."""
+    """A registered detector with its settings; ``lag`` is that of its answers [frames]."""
 
     label: str
     detector: str
@@ -95,9 +99,9 @@ def main() -> int:
 def measure(method: Method, snr_db: float, runs: int, seed: int) -> dict[str, Any]:
     """Calibrate a method, run it on frames with and without an object, and score it."""
     from lowsnr_common.core.measurement import SensorModel
-    from lowsnr_detect.calibration.calibration import calibrated
-    from lowsnr_detect.calibration.false_alarms import empty_frame_peaks
-    from lowsnr_detect.calibration.false_alarms import Simulation
+    from lowsnr_detect.calibration.empty_frames import empty_frame_peaks
+    from lowsnr_detect.calibration.empty_frames import Simulation
+    from lowsnr_detect.calibration.operating_point import calibrated
     from lowsnr_sensor.scenario import load_scenario
     import numpy as np
 
@@ -120,8 +124,8 @@ def measure(method: Method, snr_db: float, runs: int, seed: int) -> dict[str, An
         found.threshold, *found.interval, runs, seed)))
 
 
-def build(method: Method, sensor: Any, motion: Any) -> Any:
-    """Return the detector of a method; one that reckons with motion is told it."""
+def build(method: Method, sensor: Any, motion: Any) -> 'Detector':
+    """Return the detector of a method, with the motion if it has a motion model."""
     from lowsnr_common.settings.config import build_settings
     from lowsnr_common.settings.config import flat_values
     from lowsnr_detect.parts.registry import detector_class
@@ -135,9 +139,9 @@ def build(method: Method, sensor: Any, motion: Any) -> Any:
 
 
 def block_hits(
-    detector: Any, lag: int, scenario: Any, sensor: Any, seed: int, first: int, count: int,
+    detector: 'Detector', lag: int, scenario: Any, sensor: Any, seed: int, first: int, count: int,
 ) -> Any:
-    """Return the share of scored frames with a hit, for each run of a block."""
+    """Return the fraction of scored frames with a hit, for each run of a block."""
     from lowsnr_common.settings.node_settings import Evaluation
     from lowsnr_eval.study.experiment import simulate_run
     from lowsnr_eval.study.offline_chain import detect
@@ -152,12 +156,12 @@ def block_hits(
     return np.any(away <= Evaluation().gate_m, axis=-1).mean(axis=1)
 
 
-def bootstrap(shares: Any, seed: int) -> tuple[float, float]:
+def bootstrap(fractions: Any, seed: int) -> tuple[float, float]:
     """Return the 95 % interval of the mean, drawing whole runs."""
     import numpy as np
 
     rng = np.random.default_rng(seed)
-    means = shares[rng.integers(len(shares), size=(BOOTSTRAPS, len(shares)))].mean(axis=1)
+    means = fractions[rng.integers(len(fractions), size=(BOOTSTRAPS, len(fractions)))].mean(axis=1)
     low, high = np.quantile(means, (0.025, 0.975))
     return float(low), float(high)
 
@@ -174,7 +178,7 @@ def print_table(rows: list[dict[str, Any]], methods: list[Method], snrs: list[fl
 
 def reaches(snrs: list[float], probs: list[float]) -> float | None:
     """
-    Interpolate the SNR at which P_D reaches what is wanted; None where it does not.
+    Interpolate the SNR at which P_D reaches 0.9; None where it does not.
 
     The normal quantile of P_D is nearly straight between two SNRs, P_D itself is not.
     """
@@ -182,8 +186,8 @@ def reaches(snrs: list[float], probs: list[float]) -> float | None:
         NormalDist().inv_cdf(min(max(prob, 1e-4), 1.0 - 1e-4)) for prob in (WANTED, *probs))
     for k in range(1, len(snrs)):
         if own[k - 1] < wanted <= own[k]:
-            share = (wanted - own[k - 1]) / (own[k] - own[k - 1])
-            return snrs[k - 1] + share * (snrs[k] - snrs[k - 1])
+            weight = (wanted - own[k - 1]) / (own[k] - own[k - 1])
+            return snrs[k - 1] + weight * (snrs[k] - snrs[k - 1])
     return None
 
 

@@ -1,5 +1,5 @@
 """
-Detectors and particle filters against references that are timed beside them.
+Detectors and particle filters, with references that are timed in turn with them.
 
 ``python benchmarks/table.py`` writes them as a table of ratios; with pytest-benchmark each is run
 by ``pytest benchmarks/kernels.py``.
@@ -9,6 +9,7 @@ from collections.abc import Callable
 from collections.abc import Iterator
 from dataclasses import dataclass
 from dataclasses import replace
+import importlib
 import itertools
 from pathlib import Path
 import statistics
@@ -19,31 +20,34 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT / 'test'), *(str(path) for path in (ROOT / 'src').glob('lowsnr_*'))]
 
-from detect import numpy_detectors  # noqa: E402
 from lowsnr_common.core.motion import MotionModes  # noqa: E402
 from lowsnr_common.core.records import Estimate  # noqa: E402
 from lowsnr_common.ros.memory import keep_freed_memory  # noqa: E402
 from lowsnr_detect.detectors.cusum import CUSUM  # noqa: E402
+from lowsnr_detect.detectors.hmm import forward  # noqa: E402
 from lowsnr_detect.detectors.hmm import HMM  # noqa: E402
 from lowsnr_detect.detectors.sdt import SDT  # noqa: E402
+from lowsnr_detect.detectors.sdt import sequential_test  # noqa: E402
 from lowsnr_detect.detectors.tbd2 import MMTBD2  # noqa: E402
+from lowsnr_detect.parts.detector import Detector  # noqa: E402
 from lowsnr_detect.parts.moves import move_model  # noqa: E402
 from lowsnr_detect.parts.wald_bounds import wald_bounds  # noqa: E402
 from lowsnr_track.pda_mmpf import PdaMmpf  # noqa: E402
 from lowsnr_track.track_management import TrackLife  # noqa: E402
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
-from sensor import numpy_particles  # noqa: E402
 
 SIDES = (20, 64, 256, 1024, 2048)
 DEPTHS = (1, 2, 3, 5, 8, 16)
 PARTICLES = (500, 2_000, 10_000, 30_000, 100_000)
 SEED = 0
-# Above whatever the same few frames of noise, over and over, reach: declarations are not timed.
+# Out of reach of noise, so that declarations are not timed.
 NEVER = 60.0
 _LEAST_S = 2e-3
 
-# As every node does.
+# The helpers of the tests are not typed.
+numpy_particles: Any = importlib.import_module('common.numpy_particles')
+# Every node does so.
 keep_freed_memory()
 Work = Callable[[], Any]
 
@@ -51,11 +55,11 @@ Work = Callable[[], Any]
 @dataclass(frozen=True)
 class Case:
     """
-    What is timed, and beside what.
+    A subject and the reference that it is timed with.
 
-    ``make`` returns subject and reference; ``count`` is how many ``unit`` the subject works on,
-    ``goal`` the largest, or for ``faster`` the smallest, ratio wanted, ``goal_ns`` that of the
-    nanoseconds a unit.
+    ``make`` returns subject and reference; ``count`` is the number of ``unit`` that the subject
+    processes, ``goal`` the largest ratio of the times (with ``faster``, shown as its inverse),
+    and ``goal_ns`` the largest time of a unit [ns].
     """
 
     what: str
@@ -71,7 +75,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Timing:
-    """Median times of the processor [s]."""
+    """Median processor times [s]."""
 
     subject: float
     reference: float
@@ -95,7 +99,7 @@ def timed(case: Case, least_s: float, rounds: int) -> Timing:
 
 
 def _repeats(work: Work) -> int:
-    """Return how often a work is done in a row, so that a clock's tick is small to it."""
+    """Return how often a work is repeated, so that its time is well above the clock's tick."""
     work()
     start = time.thread_time()
     work()
@@ -103,13 +107,14 @@ def _repeats(work: Work) -> int:
 
 
 def frames_of(side: int, kind: type = np.float32) -> Iterator[np.ndarray]:
-    """Yield frames of noise, another one every time as far as memory goes."""
+    """Yield frames of noise, in a cycle of as many as fit into memory."""
     rng = np.random.default_rng(SEED)
-    some = [rng.standard_normal((side, side)).astype(kind) for _ in range(8 if side > 500 else 40)]
+    some: list[np.ndarray] = [
+        rng.standard_normal((side, side)).astype(kind) for _ in range(8 if side > 500 else 40)]
     return itertools.cycle(some)
 
 
-def stepping(detector: Any, side: int, kind: type = np.float32) -> Work:
+def stepping(detector: Detector, side: int, kind: type = np.float32) -> Work:
     """Return the work of a detector's next frame."""
     frames, rng = frames_of(side, kind), np.random.default_rng(SEED)
     memory = [detector.init((side, side))]
@@ -129,7 +134,7 @@ def hmm(order: int, side: int) -> Work:
 
 def copy(planes: int, side: int, kind: type = np.float32) -> Work:
     """Return the work of copying planes."""
-    source = np.ones((planes, side, side), dtype=kind)
+    source: np.ndarray = np.ones((planes, side, side), dtype=kind)
     target = np.ones_like(source)
     return lambda: np.copyto(target, source)
 
@@ -138,13 +143,11 @@ def numpy_sdt(depths: int, side: int) -> Work:
     """Return the work of SDT's next frame, in plain NumPy and float64."""
     frames, sensor, state = frames_of(side, np.float64), SDT().sensor, [
         np.full((depths - 1, side, side), -np.inf)]
+    ln_th = wald_bounds(0.01, 1e-4)[0], 100.0
 
     def work() -> None:
-        paths = numpy_detectors.extend_paths(
-            state[0], sensor.log_likelihood_ratio(next(frames)), 1, False,
-            wald_bounds(0.01, 1e-4)[0], 100.0)
-        state[0] = paths[:-1]
-        np.flatnonzero(paths[-1] > NEVER)
+        state[0], decided = sequential_test(state[0], next(frames), sensor, ln_th, NEVER)
+        np.flatnonzero(decided > NEVER)
 
     return work
 
@@ -179,28 +182,25 @@ def numpy_hmm(order: int, side: int) -> Work:
     def work() -> None:
         ratio = detector.sensor.log_likelihood_ratio(next(frames))
         weight = np.exp(ratio - ratio.max())
-        moved = numpy_detectors.move_belief(model, belief[0])
-        given = model.history[..., None, None] / side**2 * (0.02 * weight)
-        given += moved * (0.98 * weight)
+        given = forward(model, belief[0], weight, np.array(0.98), np.array(0.02))
         belief[0] = given / given.sum()
-        moved.sum()
 
     return work
 
 
-def numpy_cloud(count: int, side: int) -> Work:
-    """Return the work of moving, weighing and resampling a cloud, in plain NumPy."""
+def numpy_particle_step(count: int, side: int) -> Work:
+    """Return the work of moving, weighting and resampling particles, in plain NumPy."""
     motion, frames, rng = MotionModes(), frames_of(side), np.random.default_rng(SEED)
     sensor = MMTBD2().sensor
-    cloud = [rng.uniform(0.0, side - 1.0, (count, 4)), rng.integers(3, size=count)]
+    particles = [rng.uniform(0.0, side - 1.0, (count, 4)), rng.integers(3, size=count)]
 
     def work() -> None:
-        modes = numpy_particles.switch(motion, cloud[1], 1.0, rng)
-        states = numpy_particles.move(motion, cloud[0], modes, 1.0, rng)
+        modes = numpy_particles.switch(motion, particles[1], 1.0, rng)
+        states = numpy_particles.move(motion, particles[0], modes, 1.0, rng)
         log_weights = numpy_particles.state_log_ratio(sensor, next(frames), states)
         log_weights[0] = 0.0
         chosen = numpy_particles.systematic_resample(log_weights, count, rng)
-        cloud[:] = np.take_along_axis(states, chosen[:, None], axis=0), modes[chosen]
+        particles[:] = np.take_along_axis(states, chosen[:, None], axis=0), modes[chosen]
 
     return work
 
@@ -208,7 +208,7 @@ def numpy_cloud(count: int, side: int) -> Work:
 def tracking(count: int, detections: int, births: bool = False) -> Work:
     """Return the work of a tracker's next frame: one track, with detections in its gate."""
     first = PdaMmpf(particles=count, life=TrackLife(max_tracks=1))
-    # With births there is a second cloud in every frame, which is merged or dropped at its end.
+    # With births there is a second set of particles in every frame, merged or dropped at its end.
     later = first if births else replace(first, life=TrackLife(max_tracks=1, birth_density=1e-12))
     rng, memory = np.random.default_rng(SEED), [first.init()]
     frame, cov = itertools.count(), np.full((4, 4), np.nan)
@@ -227,23 +227,28 @@ def tracking(count: int, detections: int, births: bool = False) -> Work:
     return work
 
 
+def pair(
+    subject: Callable[..., Work], given: tuple[Any, ...], reference: Callable[..., Work],
+    *its_own: Any,
+) -> Callable[[], tuple[Work, Work]]:
+    """Return the function that makes a subject and its reference with their arguments."""
+    return lambda: (subject(*given), reference(*its_own))
+
+
 def cases() -> list[Case]:
-    """Return everything that is timed."""
+    """Return all cases."""
     found = []
     for side in SIDES:
-        size, cells = f'{side} x {side}', side**2
+        size, cells, sdt = f'{side} x {side}', side**2, (SDT(threshold=NEVER), side)
         found += [
             Case('SDT s_m=5', size, 'copy of 5 float32 planes',
-                 lambda side=side: (stepping(SDT(threshold=NEVER), side), copy(5, side)),
+                 pair(stepping, sdt, copy, 5, side),
                  5 * cells, 'cell and plane', 2.0 if side == 1024 else None),
-            Case('SDT s_m=5', size, 'NumPy',
-                 lambda side=side: (stepping(SDT(threshold=NEVER), side), numpy_sdt(5, side)),
+            Case('SDT s_m=5', size, 'NumPy', pair(stepping, sdt, numpy_sdt, 5, side),
                  5 * cells, 'cell and plane'),
             Case('CUSUM', size, 'copy of 2 float32 planes',
-                 lambda side=side: (stepping(CUSUM(threshold=NEVER), side), copy(2, side)),
-                 cells, 'cell'),
-            Case('HMM order 0', size, 'NumPy',
-                 lambda side=side: (hmm(0, side), numpy_hmm(0, side)),
+                 pair(stepping, (CUSUM(threshold=NEVER), side), copy, 2, side), cells, 'cell'),
+            Case('HMM order 0', size, 'NumPy', pair(hmm, (0, side), numpy_hmm, 0, side),
                  cells, 'cell', goal_ns=5.0 if side == 1024 else None)]
     return [*found, *_other_cases()]
 
@@ -251,40 +256,39 @@ def cases() -> list[Case]:
 def _other_cases() -> list[Case]:
     found = [
         Case('SDT s_m=6', '20 x 20', 'path enumeration',
-             lambda: (stepping(SDT(threshold=NEVER, max_iterations=6), 20), enumeration(6, 20)),
+             pair(stepping, (SDT(threshold=NEVER, max_iterations=6), 20), enumeration, 6, 20),
              6 * 400, 'cell and plane', 1e-4, faster=True),
         *(Case('HMM order 2', f'{side} x {side}', 'NumPy',
-               lambda side=side: (hmm(2, side), numpy_hmm(2, side)),
-               side**2, 'cell', goal_ns=1000.0) for side in (20, 256)),
+               pair(hmm, (2, side), numpy_hmm, 2, side), side**2, 'cell', goal_ns=1000.0)
+          for side in (20, 256)),
         Case('HMM order 2', '1024 x 1024', 'copy of 81 float64 planes',
-             lambda: (hmm(2, 1024), copy(81, 1024, np.float64)),
+             pair(hmm, (2, 1024), copy, 81, 1024, np.float64),
              1024**2, 'cell', goal_ns=1000.0)]
     found += [
         Case(f'SDT s_m={depths}', '256 x 256', f'copy of {depths} float32 planes',
-             lambda depths=depths: (
-                 stepping(SDT(threshold=NEVER, max_iterations=depths), 256), copy(depths, 256)),
+             pair(stepping, (SDT(threshold=NEVER, max_iterations=depths), 256),
+                  copy, depths, 256),
              depths * 256**2, 'cell and plane') for depths in DEPTHS]
     for count in PARTICLES:
         detector = replace(MMTBD2(), particles=count, birth_particles=count // 3)
         goals = (80.0, 200.0) if count >= 10_000 else (None, None)
+        numpy = 'NumPy: move, weight, resample'
         found += [
-            Case('MMTBD2', f'{count} + {count // 3}', 'NumPy: move, weigh, resample',
-                 lambda detector=detector, count=count: (
-                     stepping(detector, 20), numpy_cloud(count, 20)),
+            Case('MMTBD2', f'{count} + {count // 3}', numpy,
+                 pair(stepping, (detector, 20), numpy_particle_step, count, 20),
                  count + count // 3, 'particle', goal_ns=goals[0]),
-            Case('PDA-MMPF, 7 detections', f'{count}', 'NumPy: move, weigh, resample',
-                 lambda count=count: (tracking(count, 7), numpy_cloud(count, 20)),
+            Case('PDA-MMPF, 7 detections', f'{count}', numpy,
+                 pair(tracking, (count, 7), numpy_particle_step, count, 20),
                  count, 'particle', goal_ns=goals[1]),
-            Case('PDA-MMPF, 7 detections and a birth', f'{count}',
-                 'NumPy: move, weigh, resample',
-                 lambda count=count: (tracking(count, 7, births=True), numpy_cloud(count, 20)),
+            Case('PDA-MMPF, 7 detections and a birth', f'{count}', numpy,
+                 pair(tracking, (count, 7, True), numpy_particle_step, count, 20),
                  count, 'particle', goal_ns=goals[1])]
     return found
 
 
 @pytest.mark.parametrize('case', cases(), ids=lambda case: f'{case.what}, {case.size}')
 def test_speed(benchmark: Any, case: Case) -> None:
-    """Time a case; what it is compared with stands in ``extra_info``."""
+    """Time a case; ``extra_info`` has its reference."""
     subject, reference = case.make()
     start = time.thread_time()
     reference()

@@ -1,10 +1,10 @@
 """
-Table of what two cells a frame (radius: 2) gain SDT in example 5, and cost it.
+Table of the gain and the cost of SDT with two cells a frame (radius: 2) in example 5.
 
 The object of config/scenarios/example5.yaml moves 1.4 cells a frame up to frame 15 and from frame
-29 on, and at most one in frames 17 to 28.  P_D is the share of frames of these stretches with a
+29 on, and at most one in frames 17 to 28.  P_D is the fraction of frames of these stretches with a
 declaration within the gate, after the first s_m frames with the object; every variant is
-calibrated by itself to the same share of empty frames with any declaration.  Intervals are 95 %,
+calibrated to the same fraction of empty frames with any declaration.  Intervals are 95 %,
 by bootstrap over whole runs.  Time is that of a step, radius 1 and 2 in turn on the same frames,
 the median over frames, as a ratio to radius 1, for the 20 x 20 cells of the example and 256 x 256.
 """
@@ -16,6 +16,10 @@ from pathlib import Path
 import sys
 import time
 from typing import Any
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from lowsnr_detect.parts.detector import Detector
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'scripts'))
@@ -73,9 +77,9 @@ def measure(
 ) -> dict[str, Any]:
     """Calibrate SDT, run it on frames with and without the object, and score it."""
     from lowsnr_common.core.measurement import SensorModel
-    from lowsnr_detect.calibration.calibration import calibrated
-    from lowsnr_detect.calibration.false_alarms import empty_frame_peaks
-    from lowsnr_detect.calibration.false_alarms import Simulation
+    from lowsnr_detect.calibration.empty_frames import empty_frame_peaks
+    from lowsnr_detect.calibration.empty_frames import Simulation
+    from lowsnr_detect.calibration.operating_point import calibrated
     from lowsnr_detect.detectors.sdt import SDT
     from lowsnr_sensor.scenario import load_scenario
 
@@ -96,7 +100,7 @@ def measure(
         *found.interval, None, None, options.runs, options.seed)))
 
 
-def all_hits(detector: Any, scenario: Any, runs: int, seed: int) -> Any:
+def all_hits(detector: 'Detector', scenario: Any, runs: int, seed: int) -> Any:
     """Return whether there is a hit, (runs, K)."""
     from lowsnr_common.settings.node_settings import Evaluation
     from lowsnr_eval.study.experiment import simulate_run

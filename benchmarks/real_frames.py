@@ -1,10 +1,9 @@
 """
-Real sequences through conditioner, detector and tracker, without ROS, and a picture of each.
+Run conditioner, detector and tracker on real sequences, without ROS, and draw each.
 
-The settings are those of config/, for every sequence the same; what a sequence is given is the
-detector that is for its kind.  Positions are in conditioned cells (two pixels); a confirmed track
-follows the object where it is within 2.5 of them, and is false where it is within 2.5 of no
-object that the sequence's file knows.
+All sequences use the settings of config/, and the detector that suits their kind.  Positions are
+in conditioned cells of two pixels.  A confirmed track follows the object within 2.5 cells of it,
+and is false if no object in the file of the sequence is within 2.5 cells.
 """
 
 import argparse
@@ -23,7 +22,7 @@ SEQUENCES = (('lasco_c3_8dB', 'mmtbd2'), ('ir_helicopter_049', 'sdt'))
 SNR_DB = 8.0
 FALSE_ALARM_PROB = 0.01
 GATE_CELLS = 2.5
-# Frames after the object's appearance (or the first) that are not asked for.
+# Frames after the object has appeared that are not scored.
 SETTLING = 10
 
 
@@ -35,7 +34,7 @@ def main() -> int:
     parser.add_argument(
         '--sequence', nargs='+', metavar='FILE=DETECTOR',
         default=['='.join(pair) for pair in SEQUENCES],
-        help='sequences of the data folder, without .npz, and their detector')
+        help='files of the data folder without .npz, each with its detector')
     parser.add_argument('--data', type=Path, default=DATA, help='folder of the sequences')
     parser.add_argument('--seeds', type=int, default=5, help='seeds of detector and tracker (5)')
     parser.add_argument('--out', type=Path, default=ROOT / 'results' / 'real_frames')
@@ -51,8 +50,8 @@ def main() -> int:
         cells = conditioned(data['frames'])
         for seed in range(options.seeds):
             tracks = tracked(detector, cells, data['t_s'], seed)
-            followed, asked, false = judged(tracks, data)
-            print(f'| {name} | {detector} | {seed} | {followed} of {asked} frames | '
+            followed, present, false = score(tracks, data)
+            print(f'| {name} | {detector} | {seed} | {followed} of {present} frames | '
                   f'{false} of {len(tracks)} frames |', flush=True)
             if seed == 0:
                 draw(options.out / f'{name}.png', data, cells, tracks)
@@ -74,10 +73,10 @@ def conditioned(frames: Any) -> Any:
 
 
 def tracked(name: str, cells: Any, times_s: Any, seed: int) -> list[list[Any]]:
-    """Return the confirmed tracks of every frame; time in median periods, speeds per frame."""
+    """Return the confirmed tracks of every frame; the unit of time is the median period."""
     from lowsnr_common.core.measurement import SensorModel
     from lowsnr_common.core.streams import stream
-    from lowsnr_detect.calibration.calibration import calibrated
+    from lowsnr_detect.calibration.operating_point import calibrated
     from lowsnr_detect.parts.registry import detector_class
     from lowsnr_track.pda_mmpf import PdaMmpf
     import numpy as np
@@ -99,7 +98,7 @@ def tracked(name: str, cells: Any, times_s: Any, seed: int) -> list[list[Any]]:
 
 
 def objects(data: Any) -> Any:
-    """Return the known objects in cells, the one to be followed first, (n, T, 2)."""
+    """Return the known objects in cells, first the one to follow, (n, T, 2)."""
     from lowsnr_sensor.conditioning.conditioner import ConditioningSettings
     import numpy as np
 
@@ -107,24 +106,24 @@ def objects(data: Any) -> Any:
     return ConditioningSettings().cells(np.concatenate([data['truth'][None], *others]))
 
 
-def judged(tracks: list[list[Any]], data: Any) -> tuple[int, int, int]:
-    """Return frames in which the object is followed, in which that is asked, and false ones."""
+def score(tracks: list[list[Any]], data: Any) -> tuple[int, int, int]:
+    """Return the numbers of frames with a track of the object, with it, and with a false track."""
     import numpy as np
 
     known = objects(data)
     present = np.isfinite(known[0]).all(axis=-1)
-    asked = present & (np.arange(len(tracks)) >= np.argmax(present) + SETTLING)
+    scored = present & (np.arange(len(tracks)) >= np.argmax(present) + SETTLING)
     followed = false = 0
     for k, found in enumerate(tracks):
         places = np.array([item.state[[0, 2]] for item in found]).reshape(-1, 1, 2)
         near = np.linalg.norm(places - known[:, k], axis=-1) <= GATE_CELLS
-        followed += bool(asked[k] and near[:, 0].any())
+        followed += bool(scored[k] and near[:, 0].any())
         false += bool((~near.any(axis=1)).any())
-    return followed, int(asked.sum()), false
+    return followed, int(scored.sum()), false
 
 
 def draw(path: Path, data: Any, cells: Any, tracks: list[list[Any]]) -> None:
-    """Draw a frame as recorded and conditioned, and the tracks over the frames."""
+    """Draw a frame, recorded and conditioned, and the tracks over the frames."""
     from matplotlib.figure import Figure
     import numpy as np
 
@@ -152,7 +151,7 @@ def draw(path: Path, data: Any, cells: Any, tracks: list[list[Any]]) -> None:
 
 
 def is_near(item: Any, place: Any) -> bool:
-    """Return whether a track is within the gate of a place in cells."""
+    """Return whether a track is within the gate of a position in cells."""
     return bool(abs(complex(item.state[0] - place[0], item.state[2] - place[1])) <= GATE_CELLS)
 
 

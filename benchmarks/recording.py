@@ -1,8 +1,8 @@
 """
-Record large frames for a while and count what is lost.
+Record large frames for a minute and count the lost ones.
 
 ``python benchmarks/recording.py`` publishes frames of 1024 x 1024 float32 at 30 a second for
-60 s and records them by the recorder node into an MCAP bag, which it deletes again.
+60 s; the recorder node records them into an MCAP bag, which the benchmark deletes at its end.
 """
 
 import argparse
@@ -13,6 +13,10 @@ import struct
 import sys
 import tempfile
 import time
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rclpy.publisher import Publisher
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT / 'scripts'), *map(str, sorted((ROOT / 'src').glob('lowsnr_*')))]
@@ -25,20 +29,21 @@ def parse_arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog='recording.py', description=__doc__)
     parser.add_argument('--side', type=int, default=1024, help='rows and columns of a frame')
     parser.add_argument('--rate', type=float, default=30.0, help='frames a second')
-    parser.add_argument('--seconds', type=float, default=60.0, help='how long')
+    parser.add_argument('--seconds', type=float, default=60.0, help='duration [s]')
     parser.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap')
-    parser.add_argument('--folder', type=Path, help='where the bag is put (default: temporary)')
+    parser.add_argument('--folder', type=Path, help='where to write the bag (default: temporary)')
     return parser.parse_args()
 
 
-def publish(publisher, options: argparse.Namespace) -> tuple[int, float]:
+def publish(publisher: 'Publisher', options: argparse.Namespace) -> tuple[int, float]:
     """Publish the frames; return their number and the largest delay of one [s]."""
     from lowsnr_common.ros import messages
     import numpy as np
     from rclpy.serialization import serialize_message
     from std_msgs.msg import Header
 
-    noise = np.random.default_rng(0).standard_normal((options.side, options.side))
+    noise = np.random.default_rng(0).standard_normal(
+        (options.side, options.side), dtype=np.float32)
     data = bytearray(serialize_message(messages.frame_to_image(noise, Header())))
     count, start, latest = round(options.rate * options.seconds), time.monotonic(), 0.0
     for k in range(count):
@@ -90,24 +95,24 @@ def record(folder: Path, options: argparse.Namespace) -> tuple[int, float, float
 
 
 def main() -> int:
-    """Record; return 1 where anything was lost."""
+    """Record; return 1 if any frame was lost."""
     import _environment
     _environment.ensure()
     options = parse_arguments()
     folder = Path(tempfile.mkdtemp(prefix='recording-', dir=options.folder))
     os.environ |= {'ROS_DOMAIN_ID': DOMAIN, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
     from lowsnr_bringup.bags.recorded_run import inspect_bag
-    from lowsnr_bringup.bags.recording import describe_bag
-    from lowsnr_bringup.run.middleware import node_environment
+    from lowsnr_bringup.bags.recording import summarize_recording
+    from lowsnr_bringup.run.middleware import middleware_environment
     size = 4 * options.side**2
-    os.environ |= node_environment(os.environ, folder, size)
+    os.environ |= middleware_environment(os.environ, folder, size)
     try:
         start = time.monotonic()
         sent, latest, cpu_s = record(folder, options)
         print(f'{sent} frames of {size / 1e6:.3g} MB in {time.monotonic() - start:.1f} s')
-        print(f'asked for {size * options.rate / 1e6:.4g} MB/s; latest frame {latest:.3f} s late; '
+        print(f'target {size * options.rate / 1e6:.4g} MB/s; latest frame {latest:.3f} s late; '
               f'recorder {cpu_s / options.seconds:.0%} of a core')
-        print(describe_bag(folder / 'bag'))
+        print(summarize_recording(folder / 'bag'))
         found = inspect_bag(folder / 'bag', TOPIC, '/ground_truth')
         print(f'{found.frames} frames read back, {sent - found.frames} missing')
         return int(found.frames != sent)

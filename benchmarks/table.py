@@ -1,8 +1,8 @@
 """
-Write the table of ratios: detectors and filters beside what they are compared with.
+Write a table of the times of detectors and filters, as ratios to the times of references.
 
-Every figure is a median of the processor's time of one thread, and of subject and reference timed
-in turn, so that both meet the same disturbances of a shared machine.
+Every figure is the median CPU time of one thread.  Subject and reference are timed in turn, so
+that both meet the same disturbances of a shared machine.
 """
 
 import argparse
@@ -10,26 +10,31 @@ import json
 from pathlib import Path
 import sys
 from typing import Any
+from typing import TYPE_CHECKING
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'scripts'))
 
 import _environment  # noqa: E402
 
+if TYPE_CHECKING:
+    import kernels
+
 HEADER = (
-    '| what | size | time | a unit | beside | ratio | goal | met |\n'
+    '| what | size | time | a unit | reference | ratio | goal | met |\n'
     '|---|---|---|---|---|---|---|---|')
 
 
 def main() -> int:
-    """Time what is asked for and write the table."""
+    """Time the cases and write the table."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter,
         epilog='example: python benchmarks/table.py --only SDT --out results/kernels')
-    parser.add_argument('--only', default='', help='part of the names to be timed')
-    parser.add_argument('--out', type=Path, help='folder for table.md and table.json')
-    parser.add_argument('--seconds', type=float, default=2.0, help='least time for each')
-    parser.add_argument('--rounds', type=int, default=7, help='least number of rounds for each')
+    parser.add_argument('--only', default='', help='time the cases whose name contains this')
+    parser.add_argument('--out', type=Path, help='write table.md and table.json to this folder')
+    parser.add_argument('--seconds', type=float, default=2.0, help='least time for each case [s]')
+    parser.add_argument('--rounds', type=int, default=7,
+                        help='least number of rounds for each case')
     given = parser.parse_args()
     _environment.ensure(dev=True)
     import kernels
@@ -37,7 +42,8 @@ def main() -> int:
     print(HEADER)
     for case in kernels.cases():
         if given.only in case.what:
-            rows.append(measured(kernels, case, given.seconds, given.rounds))
+            timing = kernels.timed(case, given.seconds, given.rounds)
+            rows.append(figures(case, timing))
             print(line(rows[-1]), flush=True)
     if given.out:
         given.out.mkdir(parents=True, exist_ok=True)
@@ -47,9 +53,8 @@ def main() -> int:
     return 0
 
 
-def measured(kernels: Any, case: Any, seconds: float, rounds: int) -> dict[str, Any]:
-    """Return the figures of a case."""
-    timing = kernels.timed(case, seconds, rounds)
+def figures(case: 'kernels.Case', timing: 'kernels.Timing') -> dict[str, Any]:
+    """Return the row of a case: its times, its ratio, and whether it meets its goal."""
     ratio, unit_ns = timing.subject / timing.reference, 1e9 * timing.subject / case.count
     goal, met = '', None
     if case.goal is not None:

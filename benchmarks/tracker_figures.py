@@ -1,9 +1,9 @@
 """
-The tracker's figures: consistency, errors against an exact filter, Stone Soup, SDT.
+Measure the tracker: consistency, errors against an exact filter, Stone Soup, SDT.
 
-Each section prints what it measured beside its goal, and all of it goes into one JSON file.  The
-comparison with Stone Soup needs the package ``stonesoup`` in the interpreter; it is left out
-where the package is not there.
+Each section prints its figures and their goals, and writes them into one JSON file.  The
+comparison with Stone Soup needs the package ``stonesoup``; without it, this section is skipped and
+says so.
 """
 
 import argparse
@@ -31,14 +31,14 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__.strip().partition('\n')[0], allow_abbrev=False,
         epilog='example: python benchmarks/tracker_figures.py --runs 500 --seed 0')
-    parser.add_argument('--runs', type=int, default=500, help='runs of the filter and SDT (500)')
+    parser.add_argument('--runs', type=int, default=500, help='runs of filter and SDT (500)')
     parser.add_argument('--seed', type=int, default=0, help='root seed (0)')
     parser.add_argument('--only', nargs='+', choices=SECTIONS, default=SECTIONS)
     parser.add_argument('--processes', type=int, default=2, help='processes (2)')
     parser.add_argument('--out', type=Path, default=ROOT / 'results' / 'tracker_figures.json')
     options = parser.parse_args()
     _environment.ensure()
-    # One thread each: times are compared, and the processes share the cores.
+    # One thread each, because the processes share the cores and times are compared.
     os.environ |= {'OMP_NUM_THREADS': '1', 'OPENBLAS_NUM_THREADS': '1'}
     figures: dict[str, Any] = {'runs': options.runs, 'seed': options.seed}
     with ProcessPoolExecutor(options.processes) as pool:
@@ -58,7 +58,7 @@ def show(what: str, value: str, goal: str = '') -> None:
 
 
 def consistency(pool: ProcessPoolExecutor, runs: int, seed: int) -> dict[str, Any]:
-    """NEES of objects born as the tracker has it."""
+    """Measure the NEES of objects that appear as in the tracker's model."""
     import tracker_filter
 
     found = {}
@@ -71,7 +71,7 @@ def consistency(pool: ProcessPoolExecutor, runs: int, seed: int) -> dict[str, An
 
 
 def modes(pool: ProcessPoolExecutor, runs: int, seed: int) -> dict[str, Any]:
-    """Mode probabilities against the exact filter on short sequences."""
+    """Compare mode probabilities with the exact filter on short sequences."""
     import tracker_filter
 
     result = tracker_filter.mode_probabilities(pool, max(runs // 10, 2), seed)
@@ -83,7 +83,7 @@ def modes(pool: ProcessPoolExecutor, runs: int, seed: int) -> dict[str, Any]:
 
 
 def exact(pool: ProcessPoolExecutor, runs: int, seed: int) -> dict[str, Any]:
-    """RMSE against the exact Kalman mixture."""
+    """Compare the RMSE with that of the exact Kalman mixture."""
     import tracker_filter
 
     result = tracker_filter.against_exact(pool, runs, seed, EXACT_PARTICLES)
@@ -98,7 +98,7 @@ def exact(pool: ProcessPoolExecutor, runs: int, seed: int) -> dict[str, Any]:
 
 
 def flat(pool: ProcessPoolExecutor, runs: int, seed: int) -> dict[str, Any]:
-    """Mode probabilities without any detection."""
+    """Compare mode probabilities without any detection with the Markov chain."""
     import numpy as np
     from tracker_model import flat_likelihood_error
 
@@ -108,14 +108,14 @@ def flat(pool: ProcessPoolExecutor, runs: int, seed: int) -> dict[str, Any]:
 
 
 def stonesoup(pool: ProcessPoolExecutor, runs: int, seed: int) -> dict[str, Any] | None:
-    """Stone Soup on the same detections."""
+    """Compare with Stone Soup on the same detections."""
     if importlib.util.find_spec('stonesoup') is None:
-        show('Stone Soup', 'not measured: pip install stonesoup')
+        show('Stone Soup', 'not measured: the package stonesoup is missing')
         return None
     from tracker_stonesoup import compare
     from tracker_stonesoup import compare_alone
 
-    # In a process of the pool, whose arithmetic has one thread.
+    # In a process of the pool, which has one thread.
     alone = pool.submit(compare_alone, runs, seed, 10_000).result()
     for name in ('position', 'velocity'):
         value, low, high = alone[name]['ratio']
@@ -133,14 +133,14 @@ def stonesoup(pool: ProcessPoolExecutor, runs: int, seed: int) -> dict[str, Any]
 
 
 def sdt(pool: ProcessPoolExecutor, runs: int, seed: int) -> dict[str, Any]:
-    """Tracks on declarations of SDT."""
+    """Measure tracks on declarations of SDT."""
     from tracker_sdt import measure
 
     result = measure(pool, runs, 2 * runs, seed, 9.0, 5)
     for key, what, goal in (
             ('pd', 'SDT 9 dB, s_m = 5: frames 10 to 35 with a track', '0.85'),
             ('empty_frames_with_track', '    empty frames with a track', '0.01'),
-            ('false_tracks_beside', '    false tracks a frame beside the object', ''),
+            ('false_tracks', '    false tracks a frame while the object is present', ''),
             ('false_after', '    frames 36 to 40 with a track', '')):
         value, low, high = result[key]
         show(what, f'{value:.4f} [{low:.4f}, {high:.4f}]', goal)

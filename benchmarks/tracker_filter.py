@@ -1,4 +1,4 @@
-"""The filter's figures: consistency, modes and errors against an exact filter."""
+"""Figures of the filter: consistency, mode probabilities and errors against an exact filter."""
 
 from concurrent.futures import Executor
 from dataclasses import replace
@@ -20,7 +20,7 @@ MODE_PARTICLES = 20_000
 def consistency(
     pool: Executor, runs: int, seed: int, particles: int,
 ) -> dict[str, Any]:
-    """Follow objects born as the tracker has it; NEES of position and velocity."""
+    """Track objects that appear as in the tracker's model; return the NEES of their states."""
     tracker = replace(model.MODEL, particles=particles)
     nees = np.array(list(pool.map(
         partial(_born_nees, tracker, seed), range(runs), chunksize=10)))
@@ -30,7 +30,7 @@ def consistency(
 def against_exact(
     pool: Executor, runs: int, seed: int, particles: tuple[int, ...],
 ) -> dict[str, Any]:
-    """Follow objects from a Gaussian prior, and compare with the exact filter."""
+    """Track objects from a Gaussian prior, and compare with the exact filter."""
     followed = list(pool.map(
         partial(_with_exact, seed, particles), range(runs), chunksize=5))
     exact, *others = ([run[n] for run in followed] for n in range(len(particles) + 1))
@@ -49,16 +49,16 @@ def mode_probabilities(pool: Executor, runs: int, seed: int) -> dict[str, Any]:
     """
     Compare mode probabilities with the exact ones, on short sequences.
 
-    Each sequence is filtered several times.  ``inside_95`` is the share of single estimates
-    within 1.96 standard deviations over the repeats; the error of the mean of the repeats shows
-    what bias there is beside.
+    Each sequence is filtered several times.  ``inside_95`` is the proportion of estimates inside
+    their 95 % interval, whose width comes from the other repeats; the error of the mean over the
+    repeats shows the bias.
     """
     pairs = list(pool.map(partial(_modes, seed), range(runs)))
     exact = np.array([pair[0] for pair in pairs])
     found = np.array([pair[1] for pair in pairs])
     error = found.mean(axis=1) - exact
     scale = found.std(axis=1, ddof=1)
-    # Each repeat against the spread of the others, which it does not take part in.
+    # The spread for each repeat is that of the others, without itself.
     others = np.array([
         np.delete(found, n, axis=1).std(axis=1, ddof=1) for n in range(MODE_REPEATS)])
     single = abs(np.moveaxis(found, 1, 0) - exact)
@@ -100,10 +100,10 @@ def _nees(followed: list[model.Followed]) -> np.ndarray:
 
 def _inside(nees: np.ndarray) -> dict[str, float]:
     """
-    Return in what share of frames the mean NEES lies inside its 95 % bounds.
+    Return the proportion of frames whose mean NEES lies inside its 95 % bounds.
 
-    ``chi_square`` bounds hold for a Gaussian posterior.  That of several modes and hypotheses
-    is none, also where it is exact; ``sample`` bounds take the spread from the runs.
+    ``chi_square`` bounds hold for a Gaussian posterior.  The posterior over several modes and
+    hypotheses is not Gaussian, even where it is exact; ``sample`` bounds use the spread of runs.
     """
     runs, mean = len(nees), nees.mean(axis=0)
     low, high = chi2.ppf([0.025, 0.975], 4 * runs) / runs
@@ -125,7 +125,7 @@ def _excess(
     followed: list[model.Followed], exact: list[model.Followed], axes: list[int],
     rng: np.random.Generator,
 ) -> tuple[float, float, float]:
-    """Return by how much the RMSE exceeds the exact one, with its 95 % interval by bootstrap."""
+    """Return the relative excess of the RMSE over the exact one, with its 95 % interval."""
     squared, best = (
         np.array([np.sum(run.error[:, axes]**2) for run in runs]) for runs in (followed, exact))
     draw = rng.integers(len(best), size=(1000, len(best)))

@@ -1,4 +1,4 @@
-"""Detections simulated from the tracker's own model; the tracker and an exact filter on them."""
+"""Simulate detections from the tracker's model; run the tracker and an exact filter on them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,11 +10,11 @@ from lowsnr_common.core.motion import process_noise_cov
 from lowsnr_common.core.motion import VEL
 from lowsnr_common.core.records import Estimate
 from lowsnr_track.detection_model import DetectionModel
-from lowsnr_track.mmpf import uniform_cloud
+from lowsnr_track.mmpf import equally_weighted
 from lowsnr_track.pda_mmpf import PdaMmpf
 from lowsnr_track.track_management import TrackLife
-from lowsnr_track.track_management import Tracks
-from lowsnr_track.tracker_state import TrackerState
+from lowsnr_track.tracks import TrackerState
+from lowsnr_track.tracks import Tracks
 import numpy as np
 from track import oracles
 
@@ -23,7 +23,7 @@ NOISE = VARIANCE * np.eye(2)
 FIELD_M = 10.0  # false detections lie within this distance of the object, along each axis
 PRIOR_MEAN = np.array([50.0, 0.4, 50.0, 0.2])
 PRIOR_COV = np.diag([VARIANCE, 0.09, VARIANCE, 0.09])
-# The first track is the object's: it exists, stays, and stays alone.
+# The first track is of the object; it always exists, and it is the only one.
 ONE_TRACK = TrackLife(
     birth_density=0.01, lifetime_s=1e9, confirm_probability=1e-9, release_probability=1e-10,
     delete_probability=1e-12, merge_distance=0.0, max_tracks=1)
@@ -43,7 +43,8 @@ class Followed:
     def nees(self) -> np.ndarray:
         """Normalised squared estimation error of each frame, (K,)."""
         solved = np.linalg.solve(self.cov, self.error[..., None])[..., 0]
-        return np.sum(self.error * solved, axis=-1)
+        squared: np.ndarray = np.sum(self.error * solved, axis=-1)
+        return squared
 
 
 def simulate(
@@ -52,8 +53,8 @@ def simulate(
     """
     Return the states (K, 4) of an object and the detections (m, 2) of every frame.
 
-    An object ``born`` as the tracker has it is seen alone in the first frame; another starts
-    from the Gaussian prior before the first frame.
+    With ``born`` the object appears as in the tracker's model, and its detection is the only one
+    of the first frame; without, its state before the first frame has the Gaussian prior.
     """
     motion, mode = tracker.motion, rng.integers(tracker.motion.count, size=1)
     state = rng.multivariate_normal(PRIOR_MEAN, PRIOR_COV)
@@ -79,7 +80,7 @@ def follow(
     tracker: PdaMmpf, states: np.ndarray, detections: Sequence[np.ndarray], born: bool,
     rng: np.random.Generator,
 ) -> Followed:
-    """Return how the tracker follows the object."""
+    """Run the tracker on the detections; return its errors."""
     memory = tracker.init() if born else replace(
         tracker.init(), stamp_s=0.0, next_id=2, tracks=prior_track(tracker, rng))
     found = []
@@ -87,7 +88,7 @@ def follow(
         records = [as_record(position) for position in positions]
         memory, output = tracker.step(memory, records, k + 1.0, rng)
         (track,) = output.confirmed
-        modes = memory.tracks.cloud.mode_probabilities(tracker.motion.count)[0]
+        modes = memory.tracks.particles.mode_probabilities(tracker.motion.count)[0]
         found.append((states[k] - track.state, track.cov, modes))
     return Followed(*(np.array(part) for part in zip(*found)))
 
@@ -96,9 +97,9 @@ def follow_exactly(
     tracker: PdaMmpf, states: np.ndarray, detections: Sequence[np.ndarray], hypotheses: int,
 ) -> Followed:
     """
-    Return how the exact filter, a mixture of Kalman filters, follows the object.
+    Run the exact filter, a mixture of Kalman filters, on the detections; return its errors.
 
-    It keeps the heaviest ``hypotheses``; 5000 move the mean by less than 1 % of its error.
+    It keeps the most likely ``hypotheses``; 5000 move the mean by less than 1 % of its error.
     """
     motion, model = tracker.motion, tracker.detection
     matrices, chain = motion.transition_matrices(1.0), motion.mode_transition(1.0)
@@ -114,16 +115,16 @@ def follow_exactly(
 
 
 def prior_track(tracker: PdaMmpf, rng: np.random.Generator) -> Tracks:
-    """Return one track whose cloud is the Gaussian prior."""
+    """Return one track whose particles represent the Gaussian prior."""
     shape = (1, tracker.particles)
     states = rng.multivariate_normal(PRIOR_MEAN, PRIOR_COV, shape)
     modes = rng.integers(tracker.motion.count, size=shape)
     return Tracks(
-        uniform_cloud(states, modes), np.array([1.0 - 1e-12]), np.array([1]), np.array([True]))
+        equally_weighted(states, modes), np.array([1.0 - 1e-12]), np.array([1]), np.array([True]))
 
 
 def as_record(position: np.ndarray) -> Estimate:
-    """Return a detected position as a detector would."""
+    """Return the record of a detected position."""
     state, cov = np.full(4, np.nan), np.full((4, 4), np.nan)
     state[POS] = position
     cov[np.ix_(POS, POS)] = NOISE
@@ -132,19 +133,19 @@ def as_record(position: np.ndarray) -> Estimate:
 
 def flat_likelihood_error(count: int, steps: int, rng: np.random.Generator) -> float:
     """
-    Return how far mode probabilities are from the chain's own without any detection.
+    Return the largest error of the mode probabilities of a track without detections.
 
-    All particles start in the first mode; the largest difference over modes and frames, in
-    standard errors of a share of ``count`` particles.
+    All particles start in the first mode.  The error is the largest over modes and frames, in
+    standard errors of a proportion of ``count`` particles.
     """
     tracker = replace(MODEL, motion=MotionModes(mode_sojourn_s=3.0), particles=count)
     track = prior_track(tracker, rng)
-    cloud = replace(track.cloud, modes=np.zeros((1, count), dtype=np.intp))
-    memory = TrackerState(0.0, 0, 2, 1e-3, replace(track, cloud=cloud))
+    particles = replace(track.particles, modes=np.zeros((1, count), dtype=np.intp))
+    memory = TrackerState(0.0, 0, 2, 1e-3, replace(track, particles=particles))
     worst = 0.0
     for k in range(1, steps + 1):
         memory, _ = tracker.step(memory, [], float(k), rng)
         own = np.linalg.matrix_power(tracker.motion.mode_transition(1.0), k)[0]
-        error = memory.tracks.cloud.mode_probabilities(tracker.motion.count)[0] - own
+        error = memory.tracks.particles.mode_probabilities(tracker.motion.count)[0] - own
         worst = max(worst, float(np.max(abs(error) / np.sqrt(own * (1.0 - own) / count))))
     return worst

@@ -1,9 +1,9 @@
 """
-The tracker on declarations of SDT, calibrated to a share of empty frames.
+The tracker on declarations of SDT, calibrated to a rate of empty frames with a track.
 
-Objects move as ``config/scenarios/random.yaml`` says.  The detector has a false alarm in one of
-ten empty frames; ``life.confirm_probability`` is then set so that one of a hundred empty frames
-holds a confirmed track, and checked on other noise.
+Objects move as in ``config/scenarios/random.yaml``.  The detector has a false alarm in one of ten
+empty frames.  ``life.confirm_probability`` is set so that one of a hundred empty frames holds a
+confirmed track, and verified on other noise.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from typing import Any
 
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.core.motion import POS
-from lowsnr_detect.calibration.calibration import calibrated
+from lowsnr_detect.calibration.operating_point import calibrated
 from lowsnr_detect.detectors.sdt import SDT
 from lowsnr_eval.study.experiment import simulate_run
 from lowsnr_eval.study.offline_chain import detect
@@ -30,7 +30,7 @@ GATE_M = 1.5
 DETECTOR_ALARMS = 0.1
 TRACK_ALARMS = 0.01
 BLOCK = 20
-ODDS = np.linspace(0.0, 20.0, 401)  # log odds of existence that are tried
+ODDS = np.linspace(0.0, 20.0, 401)  # thresholds on the log odds of existence
 
 
 def measure(
@@ -58,7 +58,7 @@ def measure(
         'confirm_probability': tracker.life.confirm_probability,
         'empty_frames_with_track': interval(any_false.mean(axis=1), rng),
         'pd': interval(hit[:, SCORED].mean(axis=1), rng),
-        'false_tracks_beside': interval(false[:, SCORED].mean(axis=1), rng),
+        'false_tracks': interval(false[:, SCORED].mean(axis=1), rng),
         'false_after': interval((false[:, AFTER] > 0).mean(axis=1), rng),
         'rmse_m': float(np.sqrt(np.nanmean(squared[:, SCORED])))}
 
@@ -67,9 +67,9 @@ def calibrate(
     pool: Executor, detector: SDT, tracker: PdaMmpf, runs: int, seed: int,
 ) -> float:
     """
-    Return the confirm_probability that lets a track into the wanted share of empty frames.
+    Return the confirm_probability at which TRACK_ALARMS of the empty frames hold a track.
 
-    What a track is does not depend on whether it is confirmed, so one pass serves all.
+    Confirmation does not change a track, so that one pass serves all thresholds.
     """
     highest = replace(tracker.life, confirm_probability=1.0 - 1e-9)
     histories = in_blocks(
@@ -80,13 +80,13 @@ def calibrate(
         share = np.mean([alarmed(run, bound, log_release) for run in histories])
         if share <= TRACK_ALARMS:
             return float(1.0 / (1.0 + np.exp(-bound)))
-    raise ValueError('no confirm_probability is high enough')
+    raise ValueError('no confirm_probability reaches the rate of false tracks')
 
 
 def alarmed(
     history: Sequence[dict[str, float]], confirm: float, release: float,
 ) -> list[bool]:
-    """Return in which frames a track is confirmed, from log odds of existence by id."""
+    """Return whether each frame has a confirmed track, from log odds of existence by id."""
     confirmed: set[str] = set()
     answers = []
     for odds in history:
@@ -110,7 +110,7 @@ def existences(
 def scored(
     pool: Executor, detector: SDT, tracker: PdaMmpf, runs: int, seed: int, present: bool,
 ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Return hit, number of false tracks and squared error of each frame and run."""
+    """Return hit, number of false tracks and squared error of each frame, for all runs."""
     return in_blocks(pool, partial(score_block, detector, tracker, seed, present), runs)
 
 
@@ -133,7 +133,7 @@ def score_block(
 def tracked(
     detector: SDT, tracker: PdaMmpf, seed: int, present: bool, first: int, count: int,
 ) -> list[tuple[np.ndarray, list[Any]]]:
-    """Return truth (K, 4) and the tracker's answers of each run of a block."""
+    """Return truth (K, 4) and the tracker's outputs of each run of a block."""
     scenario = load_scenario(SCENARIO)
     if not present:
         scenario = replace(scenario, objects=())
@@ -156,14 +156,14 @@ def tracked(
 
 
 def in_blocks(pool: Executor, work: Any, runs: int) -> list[Any]:
-    """Return what ``work(first, count)`` gives for all runs."""
+    """Return the results of ``work(first, count)`` for all runs."""
     firsts = range(0, runs, BLOCK)
     blocks = pool.map(work, firsts, [min(BLOCK, runs - first) for first in firsts])
     return [answer for block in blocks for answer in block]
 
 
 def interval(shares: np.ndarray, rng: np.random.Generator) -> tuple[float, float, float]:
-    """Return the mean and its 95 % interval, by bootstrap over whole runs."""
+    """Return the mean and its 95 % interval, by a bootstrap over runs."""
     draws = shares[rng.integers(len(shares), size=(1000, len(shares)))].mean(axis=1)
     low, high = np.quantile(draws, [0.025, 0.975])
     return float(shares.mean()), float(low), float(high)

@@ -1,15 +1,16 @@
 """
-The tracker side by side with Stone Soup's PDA and multi-model particle filter.
+Compare the tracker with Stone Soup's PDA and multi-model particle filter.
 
-Both get the same detections and know the same model: modes, Markov chain, process noise,
-detection probability, clutter density, measurement noise and how objects are born.  Stone Soup
-runs ``MultiTargetExpectedLikelihoodParticleFilter`` with ``MultiModelPredictor``,
-``MultiModelParticleUpdater`` and ``PDA``.  It has no probability of existence, so a track of
-its own counts as confirmed from its n-th frame with a detection, for several n, and is deleted
-after five frames without one.
+Both get the same detections and the same model: modes, Markov chain, process noise, detection
+probability, clutter density, measurement noise and births.  Stone Soup runs
+``MultiTargetExpectedLikelihoodParticleFilter`` with ``MultiModelPredictor``,
+``MultiModelParticleUpdater`` and ``PDA``.  It estimates no existence probability: its tracks count
+as confirmed from their n-th frame with a detection, for several n, and are deleted after five
+frames without one.
 
-Where several tracks hit an object, errors are those of the oldest: the nearest of many would be
-near by chance.  The filters alone are compared on one track each, that neither ends.
+Where several tracks hit an object, the error is that of the oldest, because the nearest of many
+would be near by chance.  A second comparison runs the filters alone, on one track that neither
+deletes.
 """
 
 from collections.abc import Iterable
@@ -27,7 +28,7 @@ from lowsnr_sensor.scenario import load_scenario
 from lowsnr_track.detection_model import DetectionModel
 from lowsnr_track.measurements import screen
 from lowsnr_track.pda_mmpf import PdaMmpf
-from lowsnr_track.track_management import newborn
+from lowsnr_track.tracks import start_tracks
 import numpy as np
 from stonesoup.base import Property
 from stonesoup.dataassociator.probability import PDA
@@ -58,7 +59,7 @@ START = datetime.datetime(2000, 1, 1)
 
 @dataclass
 class Score:
-    """Errors of the oldest track that hits in each frame, NaN for no hit, and false tracks."""
+    """Error of the oldest track that hits, NaN for none, in each frame; number of false tracks."""
 
     away: list[float] = field(default_factory=list)
     nearest: list[float] = field(default_factory=list)
@@ -176,7 +177,7 @@ def stone_soup(
     tracker: PdaMmpf, frames: list[np.ndarray], rng: np.random.Generator,
     kind: type = MultiTargetExpectedLikelihoodParticleFilter, silence: int = 5,
 ) -> Iterable[tuple[datetime.datetime, set[Track]]]:
-    """Return Stone Soup's tracker with the settings of ours; a track ends after silence."""
+    """Return Stone Soup's tracker with our settings; ``silence`` frames delete a track."""
     motion, detection = tracker.motion, tracker.detection
     density = motion.acceleration_density
     models = [
@@ -190,15 +191,16 @@ def stone_soup(
     hypothesiser = PDAHypothesiser(
         predictor, updater, clutter_spatial_density=detection.clutter_density,
         prob_detect=detection.probability, prob_gate=detection.gate_probability)
-    return kind(
+    steps: Iterable[tuple[datetime.datetime, set[Track]]] = kind(
         Birth(tracker, rng), UpdateTimeStepsDeleter(silence), arrivals(frames, measurement),
         PDA(hypothesiser), updater)
+    return steps
 
 
 def arrivals(
     frames: list[np.ndarray], measurement: LinearGaussian,
 ) -> Iterator[tuple[datetime.datetime, set[Detection]]]:
-    """Yield time and detections of each frame as Stone Soup has them."""
+    """Yield time and detections of each frame in Stone Soup's types."""
     for k, positions in enumerate(frames):
         stamp = START + datetime.timedelta(seconds=k + 1)
         yield stamp, {
@@ -206,10 +208,10 @@ def arrivals(
             for z in positions}
 
 
-class Birth(Initiator):
-    """Start a track from every detection left over, with the cloud that ours starts with."""
+class Birth(Initiator):  # type: ignore[misc]
+    """Start a track from every unassociated detection, with particles as in our tracker."""
 
-    settings: PdaMmpf = Property(doc='the tracker whose births these are')
+    settings: PdaMmpf = Property(doc='tracker whose birth model is used')
     rng: np.random.Generator = Property(doc='source of randomness')
 
     def initiate(
@@ -222,11 +224,11 @@ class Birth(Initiator):
         position = np.asarray(detection.state_vector, dtype=float).ravel()
         measured, _ = screen([model.as_record(position)], np.full(2, np.inf), 1.0)
         count = self.settings.particles
-        cloud = newborn(
-            measured, np.ones(1), 0, self.settings.motion, count, self.rng).cloud
+        particles = start_tracks(
+            measured, np.ones(1), 0, self.settings.motion, count, self.rng).particles
         return Track([MultiModelParticleState(
-            StateVectors(cloud.states[0].T), weight=np.full(count, 1.0 / count),
-            dynamic_model=cloud.modes[0], timestamp=timestamp)])
+            StateVectors(particles.states[0].T), weight=np.full(count, 1.0 / count),
+            dynamic_model=particles.modes[0], timestamp=timestamp)])
 
 
 def mean_of(track: Track) -> np.ndarray:
@@ -235,5 +237,5 @@ def mean_of(track: Track) -> np.ndarray:
 
 
 def updates(track: Track) -> int:
-    """Return the number of frames in which the track has had a detection."""
+    """Return the number of frames with a detection of the track."""
     return 1 + sum(isinstance(state, Update) for state in track.states)

@@ -1,9 +1,9 @@
 """
-What a detector loses where the object is fainter or brighter than it is designed for.
+P_D of a detector for an object that is fainter or brighter than its design SNR.
 
-SDT, CUSUM and HMM expect one SNR.  Each is calibrated to 1 % of empty frames with a declaration
-at its design SNR, and then sees objects 3 dB below, at, and 3 dB above it, with that threshold.
-Beside it stands the detector that is designed for, and calibrated at, the SNR the object has.
+SDT, CUSUM and HMM are designed for one SNR.  Each is calibrated to 1 % of empty frames with a
+declaration at its design SNR, and run with that threshold on objects 3 dB below, at, and 3 dB
+above it, and compared with the detector that is designed for the SNR of the object.
 Scenario, scored frames and intervals are those of detector_table.py.
 """
 
@@ -57,7 +57,7 @@ def main() -> int:
 def hits(method: Any, design_db: float, object_db: float, runs: int, seed: int) -> Any:
     """Return the share of scored frames with a hit, for each run; paired over the designs."""
     from lowsnr_common.core.measurement import SensorModel
-    from lowsnr_detect.calibration.calibration import calibrated
+    from lowsnr_detect.calibration.operating_point import calibrated
     from lowsnr_sensor.scenario import load_scenario
     import numpy as np
 

@@ -183,7 +183,7 @@ def secure(keystore: Path, nodes: list[str]) -> None:
 
 def calibrate(plan: 'RunPlan') -> None:
     """Find the thresholds of matched detectors here, where progress can be shown."""
-    from lowsnr_detect.calibration.calibration import calibrated
+    from lowsnr_detect.calibration.operating_point import calibrated
     from tqdm import tqdm
 
     for path, detector in plan.detectors.items():
@@ -201,8 +201,8 @@ def calibrate(plan: 'RunPlan') -> None:
 
 def run(plan: 'RunPlan', folder: Path) -> int:
     """Start the graph, wait for its end, and print what it scored."""
-    from lowsnr_bringup.bags.recording import bags_of
-    from lowsnr_bringup.bags.recording import describe_bag
+    from lowsnr_bringup.bags.recording import bags_of_run
+    from lowsnr_bringup.bags.recording import summarize_recording
     from lowsnr_bringup.ros.supervisor import Supervisor
     from lowsnr_bringup.run.middleware import middleware_environment
     from lowsnr_eval.report.table import format_table
@@ -223,7 +223,8 @@ def run(plan: 'RunPlan', folder: Path) -> int:
         print(f'bringup.py: {trouble}', file=sys.stderr)
     print(f'results in {folder}')
     if '/recorder' in plan.parameters:
-        print(*map(describe_bag, bags_of(Path(plan.parameters['/recorder']['bag']))), sep='\n')
+        for bag in bags_of_run(Path(plan.parameters['/recorder']['bag'])):
+            print(summarize_recording(bag))
     if summary.is_file():
         report(folder)
     return status

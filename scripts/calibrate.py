@@ -1,8 +1,8 @@
-"""Find the thresholds of detectors for a wanted false-alarm probability, and keep them."""
+"""Calibrate detectors to false-alarm probabilities, and keep the curves for later starts."""
 
 import argparse
 import sys
-from typing import Any
+from typing import TYPE_CHECKING
 
 from _arguments import INTERRUPTED
 from _arguments import number
@@ -11,6 +11,10 @@ from _arguments import USAGE
 import _environment
 from bringup import CONFIG
 
+if TYPE_CHECKING:
+    from lowsnr_detect.calibration.curve import Calibration
+    from lowsnr_detect.parts.detector import Detector
+
 COLUMNS = (
     'detector', 'SNR dB', 'cells', 'P_FA', 'threshold nat', '95 % interval', 'measured', 'frames')
 
@@ -18,27 +22,29 @@ COLUMNS = (
 def parse_arguments(arguments: list[str]) -> argparse.Namespace:
     """Return the options; ``--help`` and errors end here."""
     parser = Parser(
-        prog='calibrate.py', description=__doc__ + '  Detectors take them from the cache when '
-        'they start with the same settings; a threshold that is not there is found then.',
+        prog='calibrate.py', description=__doc__ + '  A detector that starts with the same '
+        'settings reads its curve from the cache; if there is none, it calibrates at its start.  '
+        'A running detector reads it when its settings are changed.',
         allow_abbrev=False,
         epilog='example: python scripts/calibrate.py --detector sdt mmtbd2 --snr 3 6 9; exit '
         'code: 0 done, 1 failed, 2 usage or configuration error, 130 after Ctrl-C')
     parser.add_argument(
-        '--detector', nargs='+', metavar='NAME', help='detectors (default: all that there are)')
+        '--detector', nargs='+', metavar='NAME', help='detectors (default: all)')
     parser.add_argument(
         '--scenario', default='example4', metavar='NAME|FILE',
-        help='where frame size and SNR come from (default: example4)')
+        help='scenario that gives frame size and SNR (default: example4)')
     parser.add_argument(
         '--snr', nargs='+', type=number(-30.0), metavar='DB', default=[None],
         help="SNRs that the detectors are designed for [dB] (default: the scenario's)")
     parser.add_argument(
         '--false-alarm-prob', nargs='+', type=number(0.0, above=True), metavar='P',
-        default=[None], help='shares of empty frames with any declaration (default: that of '
+        default=[None], help='fractions of empty frames with any declaration (default: that of '
         'config/detectors.yaml)')
     parser.add_argument(
         '--rows', type=number(1, whole=True), metavar='N', help="rows (default: the scenario's)")
     parser.add_argument(
-        '--cols', type=number(1, whole=True), metavar='N', help='columns (likewise)')
+        '--cols', type=number(1, whole=True), metavar='N',
+        help="columns (default: the scenario's)")
     parser.add_argument(
         '--set', action='append', default=[], metavar='DETECTOR.PARAMETER=VALUE',
         dest='overrides', help='set one parameter of a detector; may be repeated')
@@ -69,14 +75,14 @@ def main() -> int:
 
 def planned(
     options: argparse.Namespace, snr_db: float | None, prob: float | None,
-) -> list[tuple[str, Any, float, tuple[int, int]]]:
-    """Return name, detector, false-alarm probability and frame size, as bringup.py has them."""
+) -> list[tuple[str, 'Detector', float, tuple[int, int]]]:
+    """Return name, detector, false-alarm probability and frame size of each, as in bringup.py."""
     from lowsnr_bringup.plan.run_options import RunOptions
     from lowsnr_bringup.plan.run_plan import plan_run
     from lowsnr_detect.parts.registry import detector_class
     from lowsnr_detect.parts.registry import DETECTORS
 
-    detector_class('sdt')  # has every detector register itself
+    detector_class('sdt')  # imports the detectors, which register themselves
     names = options.detector or sorted(DETECTORS)
     wanted = {'false_alarm_prob': prob, 'rows': options.rows, 'cols': options.cols}
     fixed = [
@@ -94,9 +100,11 @@ def planned(
     return cases
 
 
-def calibrate(name: str, detector: Any, prob: float, shape: tuple[int, int]) -> Any:
-    """Return the calibration, showing how far it is where it takes a while."""
-    from lowsnr_detect.calibration.calibration import calibrated
+def calibrate(
+    name: str, detector: 'Detector', prob: float, shape: tuple[int, int],
+) -> 'Calibration':
+    """Return the calibration; show the progress if it takes more than half a second."""
+    from lowsnr_detect.calibration.operating_point import calibrated
     from tqdm import tqdm
 
     with tqdm(total=100, desc=f'calibrating {name}', unit='%', leave=False,

@@ -11,7 +11,7 @@ setup(
     maintainer='lowsnr maintainers',
     maintainer_email='maintainers@lowsnr.example',
     packages=find_packages(exclude=['test']),
-    package_data={package_name: ['py.typed']},
+    package_data={package_name: ['py.typed', 'report/assets/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml']),

@@ -1,11 +1,13 @@
-"""Bags that are damaged, or none at all: used as far as they are whole, or named in one line."""
+"""Damaged bags are read up to the damage; files that are no bag are rejected by name."""
 
 from pathlib import Path
+import re
 import shutil
 
+from lowsnr_bringup.bags.errors import UnusableFile
 from lowsnr_bringup.bags.reader import Bag
 from lowsnr_bringup.bags.recorded_run import inspect_bag
-from lowsnr_bringup.bags.replaying import header_stamp
+from lowsnr_bringup.bags.replay import header_stamp
 from lowsnr_bringup.bags.writer import BagWriter
 from lowsnr_bringup.ros.frame_bag import FrameBag
 import numpy as np
@@ -36,13 +38,14 @@ def read(path):
         return found, bag.notes
 
 
-def refusal(path):
-    """Return the line with which a bag is refused."""
-    with pytest.raises(ValueError, match=r'^\S') as caught:
-        inspect_bag(path, *TOPICS)
-    line = str(caught.value)
-    assert '\n' not in line
-    return line
+def rejection(path, frames_topic='/image_raw'):
+    """Return the file that is named, the reason, and the sentence with which a bag is rejected."""
+    with pytest.raises(UnusableFile) as caught:
+        inspect_bag(path, frames_topic, '/ground_truth')
+    error = caught.value
+    assert str(error).startswith(f'{error.path}: ')
+    assert str(error).isprintable()
+    return error.path, error.reason, str(error).removeprefix(f'{error.path}: ')
 
 
 @pytest.mark.parametrize('share', [0.3, 0.5, 0.8, 0.97])
@@ -55,8 +58,7 @@ def test_cut_off_bag_is_used_up_to_the_cut(whole, tmp_path, share):
     # A chunk holds five frames, and metadata stand before and after the messages.
     assert len(found) > share * FRAMES - 12
     assert found == list(range(1, len(found) + 1))
-    assert str(copy / name) in notes[0]
-    assert 'used up to there' in notes[0]
+    assert notes[0].startswith(f'{copy / name}: ')
     assert inspect_bag(copy, *TOPICS).frames == len(found)
     assert inspect_bag(copy, *TOPICS).notes
 
@@ -72,10 +74,25 @@ def test_bag_with_a_damaged_middle_is_used_up_to_it(whole, tmp_path):
         found = [header_stamp(item.data) for item in bag.messages({'/image_raw'})]
     assert found[:10] == [k * SECOND for k in range(1, 11)]
     assert len(found) < FRAMES
-    assert 'used up to there' in bag.notes[-1]
+    assert bag.notes[-1].startswith(f'{copy / name}: ')
 
 
-def test_any_flipped_bytes_are_read_or_refused_by_name(whole, tmp_path, rng):
+def test_a_flipped_byte_in_a_message_is_noticed(tmp_path):
+    with FrameBag(tmp_path / 'bag') as bag:
+        for k in (1, 2, 3):
+            bag.add(np.full((10, 8), 7.5), k * SECOND, ())
+            bag.sync()
+    file = tmp_path / 'bag' / 'bag.mcap'
+    data = bytearray(file.read_bytes())
+    pixel = np.float32(7.5).tobytes() * 80
+    data[data.index(pixel, data.index(pixel) + 320)] ^= 1  # of the second frame
+    file.write_bytes(data)
+    found, notes = read(file)
+    assert found == [1]
+    assert len(notes) == 1
+
+
+def test_bytes_flipped_anywhere_never_raise_another_error(whole, tmp_path, rng):
     folder, name = whole
     data = (folder / name).read_bytes()
     path = tmp_path / name
@@ -92,38 +109,38 @@ def test_any_flipped_bytes_are_read_or_refused_by_name(whole, tmp_path, rng):
         assert all(line.startswith(str(path)) and '\n' not in line for line in lines)
 
 
-def test_missing_metadata_are_done_without(whole, tmp_path):
+def test_bag_without_metadata_is_read(whole, tmp_path):
     folder, name = whole
     copy = shutil.copytree(folder, tmp_path / 'bag')
     (copy / 'metadata.yaml').unlink()
     found, notes = read(copy)
     assert len(found) == FRAMES
-    assert notes == [f'{copy}/metadata.yaml: is missing; the files beside where it should be '
-                     'are taken']
+    assert len(notes) == 1
+    assert notes[0].startswith(f'{copy}/metadata.yaml: ')
     assert len(read(copy / name)[0]) == FRAMES
 
 
-def test_bag_that_is_none_is_named(whole, tmp_path):
+def test_what_is_not_a_bag_is_named(whole, tmp_path):
     folder, name = whole
-    assert refusal(tmp_path / 'no') == f'{tmp_path}/no: there is no such bag'
-    assert 'has neither metadata.yaml nor storage' in refusal(tmp_path)
+    assert rejection(tmp_path / 'no')[:2] == (tmp_path / 'no', 'missing')
+    assert rejection(tmp_path)[:2] == (tmp_path, 'not a bag')
     (tmp_path / 'file').write_text('words')
-    assert refusal(tmp_path / 'file').endswith('is neither MCAP nor SQLite')
+    assert rejection(tmp_path / 'file')[:2] == (tmp_path / 'file', 'not a bag')
     copy = shutil.copytree(folder, tmp_path / 'bag')
     (copy / name).write_bytes(b'')
-    assert refusal(copy) == f'{copy / name}: is empty (zero bytes)'
+    assert rejection(copy)[:2] == (copy / name, 'empty')
     (copy / name).unlink()
-    assert refusal(copy) == f'{copy / name}: is missing, though metadata.yaml names it'
+    assert rejection(copy)[:2] == (copy / name, 'missing')
 
 
 @pytest.mark.parametrize('text', [
     '', '- 1', '[', 'rosbag2_bagfile_information: 3', 'rosbag2_bagfile_information: {}',
     'rosbag2_bagfile_information: {relative_file_paths: 7}', '\x00',
     '!!python/object:os.system x'])
-def test_metadata_that_are_none_are_named(whole, tmp_path, text):
+def test_bad_metadata_are_named(whole, tmp_path, text):
     copy = shutil.copytree(whole[0], tmp_path / 'bag')
     (copy / 'metadata.yaml').write_text(text)
-    assert refusal(copy).startswith(f'{copy}/metadata.yaml: is not')
+    assert rejection(copy)[:2] == (copy / 'metadata.yaml', 'bad metadata')
 
 
 @pytest.mark.parametrize('path', ['../secret.db3', '/etc/passwd', '..', '', 'x/../../secret.db3'])
@@ -133,7 +150,8 @@ def test_paths_never_lead_out_of_the_bag(whole, tmp_path, path):
     (tmp_path / 'secret.db3').write_bytes((folder / name).read_bytes())
     metadata = copy / 'metadata.yaml'
     metadata.write_text(metadata.read_text().replace(f'- {name}', f"- '{path}'", 1))
-    assert refusal(copy) == f"{metadata}: {path!r} leads out of the bag's folder"
+    assert rejection(copy)[:2] == (metadata, 'outside the folder')
+    assert repr(path) in rejection(copy)[2]
 
 
 def test_links_never_lead_out_of_the_bag(whole, tmp_path):
@@ -141,40 +159,41 @@ def test_links_never_lead_out_of_the_bag(whole, tmp_path):
     copy = shutil.copytree(folder, tmp_path / 'bag')
     (copy / name).rename(tmp_path / 'secret')
     (copy / name).symlink_to(tmp_path / 'secret')
-    assert "leads out of the bag's folder" in refusal(copy)
+    assert rejection(copy)[1] == 'outside the folder'
     (copy / 'metadata.yaml').unlink()
-    assert "leads out of the bag's folder" in refusal(copy)
+    assert rejection(copy)[1] == 'outside the folder'
 
 
 def test_frames_of_changing_size_are_named(tmp_path):
     with FrameBag(tmp_path / 'bag') as bag:
         for k, shape in enumerate([(3, 4), (3, 4), (4, 4)], start=1):
             bag.add(np.zeros(shape), k * SECOND, None)
-    assert refusal(tmp_path / 'bag') == (
-        f'{tmp_path}/bag: /image_raw: frame 3 has 4 x 4 pixels after frames of 4 x 3')
+    _, reason, sentence = rejection(tmp_path / 'bag')
+    assert reason == 'size'
+    assert {'/image_raw:', 'frame 3', '4 x 4', '4 x 3'} <= set(
+        re.findall(r'/image_raw:|frame \d|\d x \d', sentence))
 
 
 @pytest.mark.parametrize('last', [1, 2])
-def test_stamps_that_do_not_rise_are_named(tmp_path, last):
+def test_stamps_that_do_not_increase_are_named(tmp_path, last):
     with FrameBag(tmp_path / 'bag') as bag:
         for k, stamp in enumerate([1, 2, last]):
             bag.add(np.full((3, 4), float(k)), stamp * SECOND, None)
     # A reader that has an index sorts by log time, which is the stamp here.
-    line = refusal(tmp_path / 'bag')
-    assert 'which is not after' in line
+    assert rejection(tmp_path / 'bag')[:2] == (tmp_path / 'bag', 'stamps')
 
 
 def test_bag_without_frames_is_named(tmp_path):
     with BagWriter(tmp_path / 'bag') as bag:
         bag.write(bag.add_topic('/image_raw', 'std_msgs/msg/Header'), bytes(20), 1, 1)
         bag.add_topic('/camera', 'sensor_msgs/msg/Image')
-    assert refusal(tmp_path / 'bag') == (
-        f'{tmp_path}/bag: /image_raw is of type std_msgs/msg/Header, not sensor_msgs/msg/Image')
-    with pytest.raises(ValueError, match='/camera: no frames'):
-        inspect_bag(tmp_path / 'bag', '/camera', '/ground_truth')
-    with pytest.raises(
-            ValueError, match=r'has no topic /frames of .*; --frames-topic can be /camera'):
-        inspect_bag(tmp_path / 'bag', '/frames', '/ground_truth')
+    _, reason, sentence = rejection(tmp_path / 'bag')
+    assert reason == 'type'
+    assert {'/image_raw', 'std_msgs/msg/Header'} <= set(re.split('[ ,;:]', sentence))
+    assert rejection(tmp_path / 'bag', '/camera')[1] == 'no frames'
+    _, reason, sentence = rejection(tmp_path / 'bag', '/frames')
+    assert reason == 'no topic'
+    assert {'/frames', '--frames-topic', '/camera'} <= set(sentence.split())
 
 
 @pytest.mark.parametrize('storage', FILES)
@@ -185,11 +204,14 @@ def test_unknown_message_type_is_named(tmp_path, storage):
     for path in folder.iterdir():
         path.write_bytes(path.read_bytes().replace(
             b'sensor_msgs/msg/Image', b'no_such_msgs/msg/Imag'))
-    assert '/image_raw is of type no_such_msgs/msg/Imag, not sensor_msgs' in refusal(folder)
+    _, reason, sentence = rejection(folder)
+    assert reason == 'type'
+    assert 'no_such_msgs/msg/Imag' in sentence
 
 
 def test_messages_that_do_not_fit_their_type_are_named(tmp_path):
     with BagWriter(Path(tmp_path / 'bag')) as bag:
         bag.write(bag.add_topic('/image_raw', 'sensor_msgs/msg/Image'), b'\0\1\0\0\1', 1, 1)
-    assert '/image_raw: a message of 5 bytes is no sensor_msgs/msg/Image' in refusal(
-        tmp_path / 'bag')
+    _, reason, sentence = rejection(tmp_path / 'bag')
+    assert reason == 'bad message'
+    assert sentence.startswith('/image_raw: ')

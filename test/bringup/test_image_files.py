@@ -1,8 +1,9 @@
-"""Frames are read from archives, folders and videos as they are; what does not fit is named."""
+"""Frames are read from archives, folders and videos as they are; unusable files are named."""
 
 from astropy.io import fits
 import cv2
-from lowsnr_bringup.bags.image_files import open_recording
+from lowsnr_bringup.bags.errors import UnusableFile
+from lowsnr_bringup.bags.image_files import open_frames
 import numpy as np
 import pytest
 
@@ -10,9 +11,21 @@ SHAPE = (7, 5)
 
 
 def read(path):
-    """Return the recording and its frames."""
-    recording = open_recording(path)
-    return recording, list(recording.frames)
+    """Return the reader and its frames."""
+    reader = open_frames(path)
+    frames = list(reader)
+    assert {frame.shape for frame in frames} == {reader.shape}
+    assert {frame.dtype for frame in frames} == {reader.dtype}
+    return reader, frames
+
+
+def rejection(path):
+    """Return the file that is named, and the reason for which it is rejected."""
+    with pytest.raises(UnusableFile) as caught:
+        read(path)
+    assert str(caught.value).startswith(f'{caught.value.path}: ')
+    assert str(caught.value).isprintable()
+    return caught.value.path, caught.value.reason
 
 
 @pytest.fixture
@@ -29,35 +42,34 @@ def archive(tmp_path):
 def test_archive_is_read_as_it_is(archive, rng, given, stored):
     frames = rng.integers(200, size=(4, *SHAPE)).astype(given)
     truth = np.array([[1.0, 2.0], [np.nan, np.nan], [3.0, 2.5], [0.0, 0.0]])
-    recording, found = read(archive(frames=frames, truth=truth, t_s=[0.0, 1.0, 2.5, 9.0], more=1))
+    reader, found = read(archive(frames=frames, truth=truth, t_s=[0.0, 1.0, 2.5, 9.0], more=1))
     np.testing.assert_array_equal(found, frames)
     assert {frame.dtype for frame in found} == {np.dtype(stored)}
-    np.testing.assert_array_equal(recording.truth, truth)
-    assert recording.times_s.tolist() == [0.0, 1.0, 2.5, 9.0]
+    np.testing.assert_array_equal(reader.truth, truth)
+    assert reader.times_s.tolist() == [0.0, 1.0, 2.5, 9.0]
 
 
-@pytest.mark.parametrize(('arrays', 'said'), [
-    ({'pixels': np.zeros((2, *SHAPE))}, 'has no array frames'),
-    ({'frames': np.zeros(SHAPE)}, r'frames has shape \(7, 5\), must be'),
-    ({'frames': np.zeros((0, *SHAPE))}, r'frames has shape \(0, 7, 5\)'),
-    ({'frames': np.zeros((2, *SHAPE)), 'truth': np.zeros((3, 2))}, 'truth has shape'),
-    ({'frames': np.zeros((2, *SHAPE)), 't_s': np.zeros(2)}, 't_s does not rise'),
-    ({'frames': np.zeros((2, *SHAPE)), 't_s': [0.0, np.nan]}, 't_s does not rise'),
-    ({'frames': np.zeros((2, *SHAPE)), 't_s': ['a', 'b']}, 't_s has shape'),
-    ({'frames': np.full((2, *SHAPE), np.nan)}, 'frame 1: row 0, column 0 is not a finite'),
-    ({'frames': np.zeros((2, *SHAPE), dtype=complex)}, 'is not a grey image'),
+@pytest.mark.parametrize(('arrays', 'reason'), [
+    ({'pixels': np.zeros((2, *SHAPE))}, 'no frames'),
+    ({'frames': np.zeros(SHAPE)}, 'not frames'),
+    ({'frames': np.zeros((0, *SHAPE))}, 'not frames'),
+    ({'frames': np.zeros((2, *SHAPE)), 'truth': np.zeros((3, 2))}, 'bad truth'),
+    ({'frames': np.zeros((2, *SHAPE)), 't_s': np.zeros(2)}, 'bad t_s'),
+    ({'frames': np.zeros((2, *SHAPE)), 't_s': [0.0, np.nan]}, 'bad t_s'),
+    ({'frames': np.zeros((2, *SHAPE)), 't_s': ['a', 'b']}, 'bad t_s'),
+    ({'frames': np.full((2, *SHAPE), np.nan)}, 'not finite'),
+    ({'frames': np.zeros((2, *SHAPE), dtype=complex)}, 'not frames'),
 ])
-def test_archive_that_does_not_fit_is_named(archive, arrays, said):
-    with pytest.raises(ValueError, match=said):
-        read(archive(**arrays))
+def test_unusable_archive_is_named(archive, arrays, reason):
+    path = archive(**arrays)
+    assert rejection(path) == (path, reason)
 
 
 @pytest.mark.parametrize('content', [b'', b'not an archive', b'PK\x03\x04 cut'])
-def test_archive_that_is_none_is_named(tmp_path, content):
+def test_unreadable_archive_is_named(tmp_path, content):
     path = tmp_path / 'frames.npz'
     path.write_bytes(content)
-    with pytest.raises(ValueError, match='frames.npz: cannot be read'):
-        read(path)
+    assert rejection(path) == (path, 'unreadable')
 
 
 @pytest.mark.parametrize('ending', ['png', 'tiff'])
@@ -82,28 +94,27 @@ def test_fits_images_are_read(tmp_path, rng, kind, stored):
     assert found[0].dtype == np.dtype(stored)
 
 
-def test_colour_becomes_grey_and_that_is_said(tmp_path):
+def test_colour_becomes_grey_with_a_note(tmp_path):
     image = np.zeros((*SHAPE, 3), dtype=np.uint8)
     image[..., 1] = 100
     cv2.imwrite(str(tmp_path / 'a.png'), image)
-    recording, (frame,) = read(tmp_path)
+    reader, (frame,) = read(tmp_path)
     # Luminance of green, ITU-R BT.601.
     assert frame.tolist() == np.full(SHAPE, round(0.587 * 100)).tolist()
-    assert recording.remarks == ['colour frames are turned to grey']
+    assert len(reader.notes) == 1
+    cv2.imwrite(str(tmp_path / 'a.png'), np.full((*SHAPE, 3), 9, np.uint8))
+    assert open_frames(tmp_path).notes == []
 
 
-def test_folder_that_does_not_fit_is_named(tmp_path):
-    with pytest.raises(ValueError, match='holds no image'):
-        read(tmp_path)
+def test_unusable_folder_is_named(tmp_path):
+    assert rejection(tmp_path) == (tmp_path, 'no frames')
     cv2.imwrite(str(tmp_path / 'a1.png'), np.zeros(SHAPE, np.uint8))
     cv2.imwrite(str(tmp_path / 'a2.png'), np.zeros((7, 6), np.uint8))
-    with pytest.raises(ValueError, match='a2.png: 6 x 7 pixels of uint8, the first frame has 5'):
-        read(tmp_path)
+    assert rejection(tmp_path) == (tmp_path / 'a2.png', 'mixed')
     for name in ('a2.png', 'a2.fits'):
         (tmp_path / 'a2.png').unlink(missing_ok=True)
         (tmp_path / name).write_bytes(b'nothing of the kind')
-        with pytest.raises(ValueError, match=f'{name}: not a'):
-            read(tmp_path)
+        assert rejection(tmp_path) == (tmp_path / name, 'unreadable')
 
 
 def test_video_is_read_with_its_rate(tmp_path):
@@ -112,16 +123,24 @@ def test_video_is_read_with_its_rate(tmp_path):
     for k in range(6):
         writer.write(np.full((48, 64, 3), 40 * k, np.uint8))
     writer.release()
-    recording, found = read(path)
-    assert recording.period_s == pytest.approx(0.04)
+    reader, found = read(path)
+    assert reader.period_s == pytest.approx(0.04)
     assert [frame.shape for frame in found] == [(48, 64)] * 6
     np.testing.assert_allclose([frame.mean() for frame in found], range(0, 240, 40), atol=3)
 
 
-def test_what_is_no_frames_at_all_is_named(tmp_path):
-    with pytest.raises(ValueError, match='there is no such file or folder'):
-        read(tmp_path / 'missing')
+def test_other_files_are_named(tmp_path):
+    assert rejection(tmp_path / 'missing') == (tmp_path / 'missing', 'missing')
     path = tmp_path / 'text.mp4'
     path.write_text('no video')
-    with pytest.raises(ValueError, match='neither an .npz, a folder of images nor a video'):
-        read(path)
+    assert rejection(path) == (path, 'unreadable')
+
+
+@pytest.mark.parametrize(('t_s', 'period_s', 'stamps_s'), [
+    (None, None, [1.0, 2.0, 3.0]), (None, 0.5, [0.5, 1.0, 1.5]),
+    ([5.0, 7.0, 12.0], None, [3.5, 5.5, 10.5]), ([5.0, 7.0, 12.0], 0.25, [0.25, 0.5, 0.75])])
+def test_stamps_begin_a_period_after_zero(archive, t_s, period_s, stamps_s):
+    path = archive(frames=np.zeros((3, *SHAPE)), **({} if t_s is None else {'t_s': t_s}))
+    reader = open_frames(path)
+    found = [stamp_ns / 1e9 for _, stamp_ns in zip(reader, reader.stamps_ns(period_s))]
+    assert found == stamps_s

@@ -1,5 +1,6 @@
-"""A table of truth says which objects are in which frame; a bad line is named."""
+"""A table of truth lists the objects of every frame; a bad line is named."""
 
+from lowsnr_bringup.bags.errors import UnusableFile
 from lowsnr_bringup.bags.truth_table import read_truth
 import numpy as np
 import pytest
@@ -27,22 +28,26 @@ def test_lines_by_time_and_several_objects(tmp_path):
     assert [[item.id for item in frame] for frame in found] == [[], ['a'], ['a', 'b']]
 
 
-@pytest.mark.parametrize(('text', 'said'), [
-    ('', 'the header must be frame,x,y or t_s,x,y'),
-    ('x,y\n1,2\n', 'the header must be'),
-    ('frame,x,y,name\n', 'the header must be'),
-    ('frame,x,y\n0,1,2\n', 'line 2: frame 0 is not one of 1 to 3'),
-    ('frame,x,y\n1.5,1,2\n', 'line 2: frame 1.5 is not one of 1 to 3'),
-    ('frame,x,y\n1,1,2\n1,1,3\n', 'line 3: object is twice in frame 1'),
-    ('frame,x,y\n1,one,2\n', "line 2: 'one' is not a number"),
-    ('t_s,x,y\n19,1,2\n40,1,2\n', 'line 3: there is no frame at 40 s'),
-    ('t_s,x,y\nnan,1,2\n', 'line 2: there is no frame at nan s'),
+@pytest.mark.parametrize(('text', 'reason', 'line'), [
+    ('', 'header', ''),
+    ('x,y\n1,2\n', 'header', ''),
+    ('frame,x,y,name\n', 'header', ''),
+    ('frame,x,y\n0,1,2\n', 'no such frame', 'line 2:'),
+    ('frame,x,y\n1.5,1,2\n', 'no such frame', 'line 2:'),
+    ('frame,x,y\n1,1,2\n1,1,3\n', 'twice', 'line 3:'),
+    ('frame,x,y\n1,one,2\n', 'number', 'line 2:'),
+    ('t_s,x,y\n19,1,2\n40,1,2\n', 'no such frame', 'line 3:'),
+    ('t_s,x,y\nnan,1,2\n', 'no such frame', 'line 2:'),
 ])
-def test_table_that_does_not_fit_is_named(tmp_path, text, said):
-    with pytest.raises(ValueError, match=said):
-        read_truth(table(tmp_path, text), TIMES)
+def test_bad_line_is_named(tmp_path, text, reason, line):
+    path = table(tmp_path, text)
+    with pytest.raises(UnusableFile) as caught:
+        read_truth(path, TIMES)
+    assert (caught.value.path, caught.value.reason) == (path, reason)
+    assert str(caught.value).startswith(f'{path}: {line}')
 
 
-def test_table_that_is_not_there_is_named(tmp_path):
-    with pytest.raises(ValueError, match='none.csv: cannot be read'):
+def test_missing_table_is_named(tmp_path):
+    with pytest.raises(UnusableFile) as caught:
         read_truth(tmp_path / 'none.csv', TIMES)
+    assert (caught.value.path, caught.value.reason) == (tmp_path / 'none.csv', 'unreadable')

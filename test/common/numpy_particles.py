@@ -1,4 +1,4 @@
-"""What the compiled loops over particles compute, in plain NumPy."""
+"""The definitions of the compiled loops over particles, in plain NumPy."""
 
 from lowsnr_common.core.motion import POS
 from lowsnr_common.core.motion import process_noise_sqrt
@@ -40,9 +40,9 @@ def systematic_resample(log_weights, count, rng):
     edges = np.cumsum(weights, axis=-1)
     edges /= edges[..., -1:]
     batch = edges.shape[:-1]
-    teeth = (np.arange(count) + rng.random((*batch, 1))) / count
-    flat = [np.searchsorted(e, t, side='right') for e, t in
-            zip(edges.reshape(-1, edges.shape[-1]), teeth.reshape(-1, count))]
+    points = (np.arange(count) + rng.random((*batch, 1))) / count
+    flat = [np.searchsorted(e, p, side='right') for e, p in
+            zip(edges.reshape(-1, edges.shape[-1]), points.reshape(-1, count))]
     last = edges.shape[-1] - 1 - np.argmax(weights[..., ::-1] > 0.0, axis=-1)
     return np.minimum(np.reshape(flat, (*batch, count)), last[..., None])
 

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 from lowsnr_common.core.destination import bridge_gain
 from lowsnr_common.core.destination import Destination
-from lowsnr_common.core.destination import favour_of_states
 from lowsnr_common.core.destination import move_towards
+from lowsnr_common.core.destination import state_likelihood
 from lowsnr_common.core.motion import MotionModes
 from lowsnr_common.core.motion import POS
 from lowsnr_common.core.motion import process_noise_cov
@@ -93,12 +93,12 @@ def test_unknown_destination_leaves_the_base_motion():
     assert weight == pytest.approx(0.0, abs=1e-9)
 
 
-def test_favour_is_the_likelihood_of_a_destination_that_may_be_wrong():
+def test_arrival_likelihood_allows_for_a_wrong_destination():
     step, cov = transition_matrix(4 * PERIOD), process_noise_cov(4 * PERIOD, DENSITY)
     law = multivariate_normal((step @ STATE)[POS], cov[np.ix_(POS, POS)] + 0.36 * np.eye(2))
     expected = 0.3 + 0.7 * AREA * law.pdf((3.0, -1.0))
-    assert favour_of_states(TO, STATE, 2, PERIOD, AREA) == pytest.approx(expected)
-    assert favour_of_states(TO, STATE + 1e5, 2, PERIOD, AREA) == pytest.approx(0.3)
+    assert state_likelihood(TO, STATE, 2, PERIOD, AREA) == pytest.approx(expected)
+    assert state_likelihood(TO, STATE + 1e5, 2, PERIOD, AREA) == pytest.approx(0.3)
 
 
 @pytest.mark.parametrize('mode', [0, 1, 2])
@@ -107,9 +107,9 @@ def test_weighted_draws_are_base_motion_weighted_by_where_it_leads(rng, mode):
     trials, frame = 200_000, 5
     states, modes = np.tile(STATE, (trials, 1)), np.full(trials, mode)
     base = TURNS.move(states, modes, PERIOD, rng)
-    factor = favour_of_states(TO, base, frame, PERIOD, AREA)
+    factor = state_likelihood(TO, base, frame, PERIOD, AREA)
     moved, weight = move_towards(TO, TURNS, states, modes, frame, PERIOD, AREA, rng)
-    before = favour_of_states(TO, STATE, frame - 1, PERIOD, AREA)
+    before = state_likelihood(TO, STATE, frame - 1, PERIOD, AREA)
     assert np.ptp(weight) < 1e-12
     assert before * np.exp(weight[0]) == pytest.approx(
         factor.mean(), abs=4 * factor.std() / np.sqrt(trials))
@@ -134,12 +134,12 @@ def test_destination_counts_up_to_the_arrival():
     assert not Destination().is_ahead(1)
 
 
-@pytest.mark.parametrize(('values', 'message'), [
-    ({'probability': 1.0}, 'Destination.probability = 1.0'),
-    ({'std_m': 0.0}, 'Destination.std_m = 0.0'),
-    ({'arrival_frame': 0}, 'Destination.arrival_frame = 0'),
-    ({'acceleration_density': -0.1}, 'Destination.acceleration_density = -0.1'),
+@pytest.mark.parametrize(('values', 'culprit'), [
+    ({'probability': 1.0}, 'Destination.probability'),
+    ({'std_m': 0.0}, 'Destination.std_m'),
+    ({'arrival_frame': 0}, 'Destination.arrival_frame'),
+    ({'acceleration_density': -0.1}, 'Destination.acceleration_density'),
 ])
-def test_bad_destinations_are_refused(values, message):
-    with pytest.raises(ValueError, match=message):
+def test_bad_destinations_are_refused(values, culprit):
+    with pytest.raises(ValueError, match=culprit):
         Destination(**values)

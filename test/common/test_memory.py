@@ -1,4 +1,4 @@
-"""Memory that is freed is used again, without the kernel's doing."""
+"""Freed memory is used again without a call of the kernel."""
 
 import os
 import subprocess
@@ -22,18 +22,18 @@ KEPT = 'from lowsnr_common.ros.memory import keep_freed_memory; keep_freed_memor
 
 
 def page_faults(call):
-    """Return the page faults of filling an array, and of filling the next."""
+    """Return the page faults of filling one array, and of filling the next."""
     found = subprocess.run(
         [sys.executable, '-c', CODE.format(call=call)], capture_output=True, text=True,
         check=True, env=os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)})
     return [int(word) for word in found.stdout.split()]
 
 
-def test_array_takes_the_memory_of_the_one_before():
+def test_array_reuses_the_memory_of_the_array_before():
     first, second = page_faults(KEPT)
     assert second < first / 4
 
 
-def test_it_would_be_mapped_anew_otherwise():
+def test_without_the_call_the_kernel_maps_new_pages():
     first, second = page_faults('')
     assert second > first / 2

@@ -136,14 +136,13 @@ def test_drawn_velocities_fill_the_limits(rng):
     assert np.all(abs(velocity.mean(axis=(0, 1))) < 4 * 0.45 / np.sqrt(20_000))
 
 
-@pytest.mark.parametrize(('values', 'message'), [
-    ({'turn_rates_deg_s': ()}, 'at least one mode'),
-    ({'min_speed_mps': 2.0, 'max_speed_mps': 1.0}, 'must be at most'),
-    ({'mode_sojourn_s': 0.0}, 'MotionModes.mode_sojourn_s = 0.0'),
-    ({'acceleration_density': -1.0}, 'MotionModes.acceleration_density = -1.0'),
+@pytest.mark.parametrize('values', [
+    {'turn_rates_deg_s': ()}, {'min_speed_mps': 2.0, 'max_speed_mps': 1.0},
+    {'mode_sojourn_s': 0.0}, {'acceleration_density': -1.0},
 ])
-def test_bad_modes_are_refused(values, message):
-    with pytest.raises(ValueError, match=message):
+def test_bad_modes_are_rejected(values):
+    name = next(iter(values))
+    with pytest.raises(ValueError, match=rf'^MotionModes\.{name}\b'):
         MotionModes(**values)
 
 

@@ -74,7 +74,7 @@ def test_ratio_with_blur_is_numpy_s(rng, batch, blur):
         numpy_particles.state_log_ratio(sensor, frames, states), rtol=1e-12, atol=1e-11)
 
 
-def test_state_that_is_no_number_is_outside():
+def test_state_of_nan_is_outside_the_frame():
     states = np.full((1, 4), np.nan)
     for sensor in (SENSOR, replace(SENSOR, blur_m=0.6)):
         assert state_log_ratio(sensor, np.zeros((7, 5)), states) == [-np.inf]
@@ -101,7 +101,7 @@ def test_picked_particles_are_numpy_s(rng, batch):
         pick(states, chosen), np.take_along_axis(states, chosen[..., None], axis=-2))
 
 
-def test_arrays_need_not_lie_in_a_row(rng):
+def test_arrays_need_not_be_contiguous(rng):
     motion, wide = MotionModes(), rng.random((6, 50, 8))
     states, modes = wide[::2, :, ::2], np.asfortranarray(rng.integers(3, size=(3, 50)))
     frames = np.asfortranarray(rng.random((3, 7, 5)))
@@ -118,7 +118,7 @@ def test_arrays_need_not_lie_in_a_row(rng):
         numpy_particles.systematic_resample(wide[:, :, 0].T, 9, other))
 
 
-def test_numba_is_imported_by_who_calls_a_loop_only():
+def test_numba_is_imported_at_the_first_call_of_a_loop():
     program = (
         'import sys; import lowsnr_common.core.particles as p; assert "numba" not in sys.modules; '
         'import numpy as np; p.systematic_resample(np.zeros(3), 3, np.random.default_rng(0)); '
@@ -152,6 +152,6 @@ def frames_and_states(rng, batch, kind):
 
 
 def environment(**changes):
-    """Return the environment of a process that finds the package as this one does."""
+    """Return the environment of a process that imports the package from the same folder."""
     package = Path(kernels.__file__).parents[2]
     return {**os.environ, 'PYTHONPATH': str(package), **{k: str(v) for k, v in changes.items()}}

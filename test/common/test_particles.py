@@ -1,4 +1,4 @@
-"""Particle arithmetic: against SciPy, and at the edges where weights vanish."""
+"""Particle arithmetic against SciPy, and in the limits where weights vanish."""
 
 from hypothesis import given
 from hypothesis import settings
@@ -43,7 +43,7 @@ def test_log_sum_exp_takes_any_axis(rng):
 
 @FIXED
 @given(LOG_WEIGHTS, st.floats(-1e5, 1e5))
-def test_normalised_weights_sum_to_one_whatever_their_scale(values, offset):
+def test_normalised_weights_sum_to_one_at_any_scale(values, offset):
     weights, total = normalise(values + offset)
     assert np.exp(weights).sum() == pytest.approx(1.0)
     if np.isfinite(total):
@@ -53,7 +53,7 @@ def test_normalised_weights_sum_to_one_whatever_their_scale(values, offset):
         np.testing.assert_allclose(np.exp(weights), 1.0 / len(values))
 
 
-def test_one_dead_cloud_of_a_batch_becomes_uniform():
+def test_zero_weights_of_one_set_become_uniform():
     weights, total = normalise(np.array([[0.0, -np.inf], [-np.inf, -np.inf]]))
     np.testing.assert_array_equal(np.exp(weights), [[1.0, 0.0], [0.5, 0.5]])
     np.testing.assert_array_equal(total, [0.0, -np.inf])
@@ -97,19 +97,19 @@ def test_particle_without_weight_is_never_drawn(weights, draw):
 
 
 @pytest.mark.parametrize('draw', [0.0, np.nextafter(1.0, 0.0)])
-def test_weights_that_add_up_to_less_than_one_are_safe(draw):
+def test_weights_that_sum_to_less_than_one_draw_every_particle(draw):
     # 10,000 times 1e-4 is not 1 in floating point, and neither is their cumulative sum.
     index = systematic_resample(np.full(10_000, np.log(1e-4)), 10_000, Fixed(draw))
     assert index.min() == 0
     assert index.max() == 9_999
 
 
-def test_dead_cloud_is_drawn_evenly(rng):
+def test_zero_weights_are_drawn_evenly(rng):
     index = systematic_resample(np.full(4, -np.inf), 8, rng)
     np.testing.assert_array_equal(np.bincount(index), [2, 2, 2, 2])
 
 
-def test_clouds_of_a_batch_are_drawn_apart(rng):
+def test_sets_of_a_batch_are_drawn_independently(rng):
     values = rng.standard_normal((2, 3, 6))
     draws = rng.random((2, 3, 1))
     index = systematic_resample(values, 9, Fixed(draws))
@@ -130,7 +130,7 @@ def test_moments_are_numpy_s(rng):
             cov[run], np.cov(states[run].T, aweights=weights[run], ddof=0))
 
 
-def test_moments_of_one_particle_are_itself():
+def test_moments_of_one_particle_are_its_state_and_zero():
     state = np.array([[3.0, -1.0, 2.0, 0.5]])
     mean, cov = weighted_moments(state, np.zeros(1))
     np.testing.assert_array_equal(mean, state[0])

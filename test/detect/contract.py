@@ -1,13 +1,13 @@
-"""What every registered detector must do, one function each; :data:`CHECKS` lists them."""
+"""The contract of a detector, one function for each rule; :data:`CHECKS` lists them."""
 
 from dataclasses import replace
 
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.settings.config import build_settings
 from lowsnr_common.settings.config import flat_values
-from lowsnr_detect.calibration.calibration import calibrate
-from lowsnr_detect.calibration.false_alarms import empty_frame_peaks
-from lowsnr_detect.calibration.false_alarms import Simulation
+from lowsnr_detect.calibration.empty_frames import empty_frame_peaks
+from lowsnr_detect.calibration.empty_frames import Simulation
+from lowsnr_detect.calibration.operating_point import calibrate
 import numpy as np
 import pytest
 
@@ -20,7 +20,7 @@ SEED = 3
 
 
 def make(cls, **settings):
-    """Return a detector, with few particles where it has any."""
+    """Return a detector; a particle filter with few particles."""
     few = {key: value for key, value in FEW.items() if key in cls.__dataclass_fields__}
     return cls(**{'sensor': SENSOR, **few, **settings})
 
@@ -50,14 +50,14 @@ def same_seed_gives_same_bytes(cls):
     assert bytes_of(run(detector, frames)) == bytes_of(run(detector, frames))
 
 
-def frames_are_left_as_they_are(cls):
+def frames_are_not_changed(cls):
     detector, frame = make(cls), noise()
     kept = frame.copy()
     detector.step(detector.init(SHAPE), frame, np.random.default_rng(SEED))
     assert np.array_equal(frame, kept)
 
 
-def memory_is_left_as_it_is(cls):
+def memory_is_not_changed(cls):
     detector, frames = make(cls, threshold=1.0), noise(4)
     state = detector.init(SHAPE)
     for frame in frames:
@@ -69,7 +69,7 @@ def memory_is_left_as_it_is(cls):
 
 def batch_equals_single_runs(cls):
     if {'particles'} & set(cls.__dataclass_fields__):
-        return  # draws for the batch as a whole
+        return  # draws random numbers for the batch as a whole
     detector, frames = make(cls, threshold=2.0), noise(8, 2, 3)
     batch = run(detector, frames)
     for index in np.ndindex(2, 3):
@@ -93,7 +93,7 @@ def shapes_follow_the_frame(cls):
             assert np.all(declared.any == (threshold == EVERYTHING)) or cls.feedback
 
 
-def slots_hold_what_they_promise(cls):
+def slots_are_sorted_and_the_unused_ones_empty(cls):
     for declared in run(make(cls, threshold=1.0), noise(12, 20)):
         used = declared.score > 0.0
         assert np.array_equal(declared.any, declared.peak > 1.0)
@@ -109,7 +109,7 @@ def slots_hold_what_they_promise(cls):
         assert np.all(np.linalg.eigvalsh(declared.cov[used][whole]) > -1e-12)
 
 
-def quiet_at_its_calibrated_rate(cls):
+def false_alarms_are_at_the_calibrated_probability(cls):
     prob, runs, frames = 0.05, 100, 20
     detector = make(cls)
     found = calibrate(detector, prob, SHAPE, runs=runs, frames=frames)
@@ -142,7 +142,7 @@ def blank_frames_declare_nothing(cls):
     assert not any(declared.any for declared in answers)
 
 
-def outlier_is_survived(cls):
+def outliers_leave_numbers_and_are_forgotten(cls):
     frames = noise(60)
     frames[8:] = 0.0
     frames[4, 6, 4] = frames[5, 0, 0] = 1e6
@@ -153,13 +153,13 @@ def outlier_is_survived(cls):
     assert not any(declared.any for declared in answers[-5:])
 
 
-def smallest_frames_are_fine(cls):
+def smallest_frames_leave_numbers(cls):
     for shape in ((1, 1), (1, 4), (3, 1)):
         frames = np.random.default_rng(SEED).standard_normal((4, *shape))
         assert not any(np.isnan(it.peak).any() for it in run(make(cls), frames))
 
 
-def settings_make_the_same_detector_again(cls):
+def settings_build_an_equal_detector(cls):
     detector = make(cls)
     again = build_settings(cls, flat_values(detector))
     assert again == detector
@@ -181,9 +181,10 @@ def frames_per_declaration_is_a_count(cls):
 
 
 CHECKS = (
-    same_seed_gives_same_bytes, frames_are_left_as_they_are, memory_is_left_as_it_is,
-    batch_equals_single_runs, shapes_follow_the_frame, slots_hold_what_they_promise,
-    quiet_at_its_calibrated_rate, bright_object_is_found_where_it_is,
-    first_frame_may_hold_the_object, blank_frames_declare_nothing, outlier_is_survived,
-    smallest_frames_are_fine, settings_make_the_same_detector_again,
+    same_seed_gives_same_bytes, frames_are_not_changed, memory_is_not_changed,
+    batch_equals_single_runs, shapes_follow_the_frame,
+    slots_are_sorted_and_the_unused_ones_empty, false_alarms_are_at_the_calibrated_probability,
+    bright_object_is_found_where_it_is, first_frame_may_hold_the_object,
+    blank_frames_declare_nothing, outliers_leave_numbers_and_are_forgotten,
+    smallest_frames_leave_numbers, settings_build_an_equal_detector,
     nominal_differs_in_thresholds_only, frames_per_declaration_is_a_count)

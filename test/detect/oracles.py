@@ -1,4 +1,4 @@
-"""Independent references for the detectors: enumeration of what they sum or maximise over."""
+"""Independent references for the detectors: enumeration of all paths."""
 
 from dataclasses import dataclass
 import itertools
@@ -8,9 +8,9 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Lives:
+class Trajectories:
     """
-    All the ways an object may go on, or a fair sample of them, from the frame it appears in.
+    All trajectories of an object from the frame it appears in, or a random sample of them.
 
     ``positions`` (S, K, 2) are columns and rows in cells, ``weights`` (S,) sum to one.
     """
@@ -19,20 +19,20 @@ class Lives:
     weights: np.ndarray
 
 
-def presence(ratio, lives, birth, death, initial, at=-1):
+def presence(ratio, trajectories, birth, death, initial, at=-1):
     """
-    Sum over every sequence of existence and every life, eq. (9) without any recursion.
+    Sum over every sequence of existence and every trajectory, eq. (9) without any recursion.
 
     Parameters
     ----------
     ratio : (K, rows, cols) ndarray
         Log-likelihood ratio of each cell.
-    lives : Lives
-        Lives of at least K frames; one that leaves the frame ends there.
+    trajectories : Trajectories
+        Trajectories of at least K frames; one that leaves the frame ends there.
     birth, death, initial
         Probabilities of the chain.
     at
-        Frame that is asked for, 0 to K - 1, or -1 for the last.
+        Frame of the answer, 0 to K - 1, or -1 for the last.
 
     Returns
     -------
@@ -43,7 +43,7 @@ def presence(ratio, lives, birth, death, initial, at=-1):
 
     """
     count, at = len(ratio), at % len(ratio)
-    likelihood = _likelihoods(ratio, lives)
+    likelihood = _likelihoods(ratio, trajectories)
     weight = {0: 0.0, 1: 0.0}
     position = np.zeros(2)
     for pattern in itertools.product((0, 1), repeat=count):
@@ -55,16 +55,16 @@ def presence(ratio, lives, birth, death, initial, at=-1):
             each = likelihood(first, last, death)
             product *= each.sum()
             if first <= at <= last:
-                where = each @ lives.positions[:, at - first] / each.sum()
+                where = each @ trajectories.positions[:, at - first] / each.sum()
         weight[pattern[at]] += product
         position += product * where
     return math.log(weight[1] / weight[0]), position / weight[1]
 
 
-def _likelihoods(ratio, lives):
-    """Return the function that weighs every life from a first to a last frame."""
+def _likelihoods(ratio, trajectories):
+    """Return the function that weights every trajectory from a first to a last frame."""
     count, rows, cols = ratio.shape
-    col, row = np.floor(lives.positions[:, :count] + 0.5).astype(int).transpose(2, 0, 1)
+    col, row = np.floor(trajectories.positions[:, :count] + 0.5).astype(int).transpose(2, 0, 1)
     inside = (row >= 0) & (row < rows) & (col >= 0) & (col < cols)
     inside = np.logical_and.accumulate(inside, axis=1)
     row, col = np.clip(row, 0, rows - 1), np.clip(col, 0, cols - 1)
@@ -73,7 +73,7 @@ def _likelihoods(ratio, lives):
         length = last - first + 1
         frames = np.arange(first, last + 1)
         sums = ratio[frames, row[:, :length], col[:, :length]].sum(axis=1)
-        weight = lives.weights * np.exp(sums) * (1.0 - death)**(length - 1)
+        weight = trajectories.weights * np.exp(sums) * (1.0 - death)**(length - 1)
         weight = np.where(inside[:, length - 1], weight, 0.0)
         if last == count - 1:
             return weight
@@ -90,7 +90,7 @@ def _runs_of_ones(pattern):
             yield indices[0], indices[-1]
 
 
-def grid_lives(shape, moves, kernel, history, count):
+def grid_trajectories(shape, moves, kernel, history, count):
     """
     Enumerate every start cell and every sequence of moves, with its probability.
 
@@ -105,11 +105,11 @@ def grid_lives(shape, moves, kernel, history, count):
     paths, weights = np.array(paths), np.array(weights)
     cells = np.array(list(itertools.product(range(rows), range(cols))))
     positions = (cells[:, None, None] + paths).reshape(-1, count, 2)[..., ::-1]
-    return Lives(positions, np.tile(weights, len(cells)) / len(cells))
+    return Trajectories(positions, np.tile(weights, len(cells)) / len(cells))
 
 
 def _sequence_prob(sequence, kernel, history, order):
-    """Sum the probability of a sequence of moves over what came before it."""
+    """Sum the probability of a sequence of moves over the histories before it."""
     total = 0.0
     for dropped, kept in np.ndindex(*history.shape):
         product, (old, last) = history[dropped, kept], (dropped, kept)
@@ -120,8 +120,8 @@ def _sequence_prob(sequence, kernel, history, order):
     return total
 
 
-def sampled_lives(shape, motion, count, samples, rng):
-    """Draw lives in cells of one metre and frames of a second, each its own little simulation."""
+def sampled_trajectories(shape, motion, count, samples, rng):
+    """Draw trajectories in cells of one metre and frames of one second, by geometry."""
     rows, cols = shape
     position = rng.uniform(-0.5, [cols - 0.5, rows - 0.5], (samples, 2))
     speed = rng.uniform(motion.min_speed_mps, motion.max_speed_mps, samples)
@@ -140,16 +140,16 @@ def sampled_lives(shape, motion, count, samples, rng):
         position = position + chord[:, None] * np.stack([np.cos(ahead), np.sin(ahead)], -1)
         heading = heading + turn
         positions.append(position)
-    return Lives(np.stack(positions, axis=1), np.full(samples, 1.0 / samples))
+    return Trajectories(np.stack(positions, axis=1), np.full(samples, 1.0 / samples))
 
 
 @dataclass(frozen=True)
 class Path:
-    """An open path: the cell it ends in, its measurements, and what its moves add [nat]."""
+    """An open path: last cell, measurements, and log probability of its moves [nat]."""
 
     cell: tuple[int, int]
     values: tuple[float, ...]
-    bonus: float = 0.0
+    log_prior: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -177,7 +177,7 @@ class PathTest:
         log_threshold = self.log_truncated if count == self.most else max(
             self.log_upper, self.log_truncated)
         scale = self.intensity / self.sigma**2
-        return (sum(path.values) - self.bound(log_threshold, count)) * scale + path.bonus
+        return (sum(path.values) - self.bound(log_threshold, count)) * scale + path.log_prior
 
     def run(self, frames):
         """Return for each frame the declared cells."""
@@ -195,15 +195,15 @@ class PathTest:
     def _stays(self, path):
         scale = self.intensity / self.sigma**2
         lower = self.bound(self.log_lower, len(path.values))
-        return (sum(path.values) - lower) * scale + path.bonus > 0.0
+        return (sum(path.values) - lower) * scale + path.log_prior > 0.0
 
     def _extended(self, opened, frame):
         reach = range(-self.radius, self.radius + 1)
         for path, down, across in itertools.product(opened, reach, reach):
             cell = path.cell[0] + down, path.cell[1] + across
             if 0 <= cell[0] < frame.shape[0] and 0 <= cell[1] < frame.shape[1]:
-                bonus = self.log_move[down, across] if self.log_move else 0.0
-                yield Path(cell, (*path.values, frame[cell]), path.bonus + bonus)
+                log_prior = self.log_move[down, across] if self.log_move else 0.0
+                yield Path(cell, (*path.values, frame[cell]), path.log_prior + log_prior)
 
     def _started(self, opened, frame):
         for cell in np.ndindex(*frame.shape):

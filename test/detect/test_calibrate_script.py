@@ -33,16 +33,25 @@ def test_table_has_a_row_for_each_detector_and_snr(calibrate, tmp_path):
 
 
 @pytest.mark.parametrize(('arguments', 'culprit'), [
-    (['--detector', 'std'], 'did you mean sdt?'),
-    (['--snr', 'six'], "'six' is not a number"),
-    (['--false-alarm-prob', '2'], 'false_alarm_prob = 2.0'),
+    (['--detector', 'std'], 'std'),
+    (['--snr', 'six'], "'six'"),
+    (['--false-alarm-prob', '2'], 'false_alarm_prob'),
     (['--scenario', 'nowhere'], 'nowhere'),
-    (['--set', 'sdt.radius=-1'], 'radius = -1')])
+    (['--set', 'sdt.radius=-1'], 'radius')])
 def test_wrong_option_is_named_in_one_line(calibrate, arguments, culprit):
     done = calibrate(*arguments)
     assert done.returncode == 2
     assert culprit in done.stderr
     assert len(done.stderr.splitlines()) == 1
+
+
+def test_probabilities_of_a_detector_share_one_curve(calibrate, tmp_path):
+    done = calibrate('--detector', 'cdt', '--rows', '7', '--cols', '5', '--false-alarm-prob',
+                     '0.1', '0.01', '0.001')
+    assert done.returncode == 0, done.stderr
+    thresholds = [float(line.split()[6]) for line in done.stdout.splitlines()[1:]]
+    assert thresholds == sorted(thresholds)
+    assert len(list((tmp_path / 'lowsnr').glob('*.json'))) == 1
 
 
 def test_help_shows_an_example(calibrate):

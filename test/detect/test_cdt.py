@@ -1,7 +1,7 @@
 """CDT is the closed form of a threshold on a normal number."""
 
 from lowsnr_common.core.measurement import SensorModel
-from lowsnr_detect.calibration.calibration import calibrate
+from lowsnr_detect.calibration.operating_point import calibrate
 from lowsnr_detect.detectors.cdt import CDT
 import numpy as np
 import pytest

@@ -7,8 +7,8 @@ from lowsnr_common.core.destination import Destination
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.core.motion import MotionModes
 from lowsnr_detect.detectors.hmm import HMM
-from lowsnr_detect.parts.destination_moves import favoured_cells
-from lowsnr_detect.parts.destination_moves import favoured_moves
+from lowsnr_detect.parts.destination_moves import cell_likelihoods
+from lowsnr_detect.parts.destination_moves import move_likelihoods
 from lowsnr_detect.parts.existence import Existence
 from lowsnr_detect.parts.moves import move_model
 import numpy as np
@@ -33,11 +33,11 @@ def run(detector, frames):
 def exact(detector, frames, at=-1):
     """Return log odds and mean position of frame ``at`` by enumeration."""
     model = move_model(detector.motion, detector.sensor, detector.order)
-    lives = oracles.grid_lives(
+    trajectories = oracles.grid_trajectories(
         frames.shape[1:], model.moves, model.kernel, model.history, len(frames))
     chain = detector.existence
     return oracles.presence(
-        detector.sensor.log_likelihood_ratio(frames), lives, chain.birth_prob,
+        detector.sensor.log_likelihood_ratio(frames), trajectories, chain.birth_prob,
         chain.death_prob, chain.initial_prob, at)
 
 
@@ -71,7 +71,7 @@ def test_fixed_lag_is_the_sum_over_all_trajectories_with_later_frames(rng, lag):
 @pytest.mark.parametrize('lag', [0, 2])
 @pytest.mark.parametrize('order', [0, 1, 2])
 def test_flat_likelihood_leaves_existence_at_its_prior(order, lag):
-    # An object at rest cannot leave the frame, so that the chain is all there is.
+    # An object at rest cannot leave the frame, so that only the chain changes its existence.
     motion = MotionModes(max_speed_mps=1e-9, acceleration_density=0.0)
     detector = HMM(sensor=SENSOR, motion=motion, existence=EXISTENCE, order=order, lag=lag)
     # One part in 400 000 of the moves is not at rest: none is impossible in the model.
@@ -133,7 +133,7 @@ def appearing(detector, shape, number):
     model = move_model(detector.motion, SENSOR, detector.order)
     prob = np.broadcast_to(model.history[..., None, None], (*model.history.shape, *shape))
     if detector.destination.is_ahead(number):
-        prob = prob * favoured_cells(
+        prob = prob * cell_likelihoods(
             detector.destination, detector.motion, SENSOR, detector.order, number, shape)
     return prob.ravel() / np.prod(shape)
 
@@ -146,9 +146,9 @@ def transition(detector, shape, number):
     for n, (dropped, kept, row, col) in enumerate(states):
         prob = model.kernel[kept, :, dropped]
         if detector.destination.is_ahead(number):
-            favour, mean = favoured_moves(
+            factor, mean = move_likelihoods(
                 detector.destination, detector.motion, SENSOR, order, number, shape)
-            prob = prob * favour[kept, :, row, col] / mean[dropped, kept, row, col]
+            prob = prob * factor[kept, :, row, col] / mean[dropped, kept, row, col]
         for m, (down, across) in enumerate(model.moves):
             history = ((0, 0), (m, 0), (kept, m))[order]
             if (after := (*history, row + down, col + across)) in states:
@@ -201,5 +201,5 @@ def test_runs_of_a_batch_share_the_destination(rng, order):
 
 
 def test_destination_is_not_for_late_answers():
-    with pytest.raises(ValueError, match='HMM.lag = 2, must be 0 where destination.probability'):
+    with pytest.raises(ValueError, match='HMM.lag'):
         HMM(lag=2, destination=Destination(probability=0.5))

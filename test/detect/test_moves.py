@@ -1,15 +1,15 @@
 """Moves on the grid follow from the motion modes."""
 
-from detect.numpy_detectors import vicinity_max
 from lowsnr_common.core.destination import Destination
-from lowsnr_common.core.destination import favour_of_states
+from lowsnr_common.core.destination import state_likelihood
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.core.motion import MotionModes
-from lowsnr_detect.parts.destination_moves import favoured_cells
-from lowsnr_detect.parts.destination_moves import favoured_moves
+from lowsnr_detect.parts.destination_moves import cell_likelihoods
+from lowsnr_detect.parts.destination_moves import move_likelihoods
 from lowsnr_detect.parts.moves import best_vicinity
 from lowsnr_detect.parts.moves import move_model
 from lowsnr_detect.parts.moves import shifted
+from lowsnr_detect.parts.moves import vicinity_max
 import numpy as np
 import pytest
 
@@ -77,18 +77,18 @@ def test_shift_moves_what_stays_inside(rng, move):
         assert np.all(moved[:, row, col] == expected)
 
 
-def test_best_vicinity_without_a_bonus_is_the_plain_maximum(rng):
+def test_best_vicinity_of_equal_moves_is_the_plain_maximum(rng):
     plane = rng.standard_normal((3, 6, 4))
     moves = np.stack(np.divmod(np.arange(25), 5), axis=-1) - 2
     assert np.array_equal(best_vicinity(plane, moves, np.zeros(25)), vicinity_max(plane, 2))
 
 
-def test_best_vicinity_takes_a_bonus_of_the_cell_that_is_left(rng):
-    plane, bonus = rng.standard_normal((2, 6, 4)), rng.standard_normal((9, 6, 4))
+def test_best_vicinity_takes_the_log_probability_of_the_cell_that_is_left(rng):
+    plane, log_prob = rng.standard_normal((2, 6, 4)), rng.standard_normal((9, 6, 4))
     moves = np.stack(np.divmod(np.arange(9), 3), axis=-1) - 1
     expected = np.max([
-        shifted(plane + own, move, -np.inf) for move, own in zip(moves, bonus)], axis=0)
-    assert np.array_equal(best_vicinity(plane, moves, bonus), expected)
+        shifted(plane + own, move, -np.inf) for move, own in zip(moves, log_prob)], axis=0)
+    assert np.array_equal(best_vicinity(plane, moves, log_prob), expected)
 
 
 def simulated(cell, frame, sensor, motion, rng):
@@ -106,41 +106,51 @@ def simulated(cell, frame, sensor, motion, rng):
     ((3, 2), 2), ((6, 4), 2), ((6, 4), 6), ((5, 7), 2), ((5, 7), 6), ((9, 6), 2), ((9, 6), 6),
     ((9, 6), 10)])
 def test_moves_to_a_destination_are_those_of_the_bridge(rng, cell, frame):
-    # The grid knows velocities by mean and variance only, so that in cells where objects on
-    # their way are up to 0.06 of the probability is with other moves; without the destination
-    # it is 0.18 to 0.35.
+    # The grid describes velocities by mean and variance only, so that up to 0.06 of the
+    # probability is with other moves in the cells that objects pass; without the destination it
+    # is 0.18 to 0.35.
     sensor, motion = SensorModel(cell_size_m=2.0, frame_period_s=2.0), MotionModes()
     to = Destination(probability=0.9, x_m=12.0, y_m=16.0, std_m=1.6, arrival_frame=10)
     _, moved = simulated(np.array(cell), frame, sensor, motion, rng)
-    weight = favour_of_states(to, moved, frame, 2.0, 4.0 * 12 * 9)
+    weight = state_likelihood(to, moved, frame, 2.0, 4.0 * 12 * 9)
     steps = sensor.cells(moved) - cell
     model = move_model(motion, sensor, 0)
     expected = np.array([
         weight @ np.all(steps == move, axis=1) for move in model.moves]) / weight.sum()
-    favour, total = favoured_moves(to, motion, sensor, 0, frame, SHAPE)
-    found = (model.kernel[0, :, 0, None, None] * favour[0] / total[0, 0])[:, *cell]
+    likelihood, mean = move_likelihoods(to, motion, sensor, 0, frame, SHAPE)
+    found = (model.kernel[0, :, 0, None, None] * likelihood[0] / mean[0, 0])[:, *cell]
     assert abs(found - expected).sum() / 2.0 < 0.07
     assert abs(model.kernel[0, :, 0] - expected).sum() / 2.0 > 0.15
 
 
 @pytest.mark.parametrize('frame', [1, 6, 10])
-def test_cells_are_favoured_as_the_objects_in_them(rng, frame):
+def test_likelihood_of_a_cell_is_the_mean_of_the_objects_in_it(rng, frame):
     sensor, motion = SensorModel(), MotionModes(acceleration_density=0.01)
-    found = favoured_cells(TO, motion, sensor, 0, frame, SHAPE)[0, 0]
+    found = cell_likelihoods(TO, motion, sensor, 0, frame, SHAPE)[0, 0]
     for cell in ((7, 5), (8, 6), (3, 2), (0, 8)):
         states, _ = simulated(np.array(cell), frame, sensor, motion, rng)
-        expected = favour_of_states(TO, states, frame, 1.0, 108.0).mean()
+        expected = state_likelihood(TO, states, frame, 1.0, 108.0).mean()
         assert found[cell] == pytest.approx(expected, rel=0.35)
 
 
 @pytest.mark.parametrize('order', [0, 1, 2])
 def test_moves_to_a_destination_sum_to_one(order):
     model = move_model(MotionModes(), SensorModel(), order)
-    favour, total = favoured_moves(TO, MotionModes(), SensorModel(), order, 4, SHAPE)
-    prob = (model.kernel[..., None, None] * favour[:, :, None]
-            / total.swapaxes(0, 1)[:, None])
+    likelihood, mean = move_likelihoods(TO, MotionModes(), SensorModel(), order, 4, SHAPE)
+    prob = (model.kernel[..., None, None] * likelihood[:, :, None]
+            / mean.swapaxes(0, 1)[:, None])
     assert prob.sum(axis=1) == pytest.approx(1.0)
     vague = Destination(probability=0.9, std_m=1e6)
-    favour, total = favoured_moves(vague, MotionModes(), SensorModel(), order, 4, SHAPE)
-    assert favour == pytest.approx(0.1)
-    assert total == pytest.approx(0.1)
+    likelihood, mean = move_likelihoods(vague, MotionModes(), SensorModel(), order, 4, SHAPE)
+    assert likelihood == pytest.approx(0.1)
+    assert mean == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize('radius', [0, 1, 2, 9])
+def test_vicinity_maximum_is_that_of_every_window(rng, radius):
+    plane = rng.standard_normal((2, 6, 4))
+    found = vicinity_max(plane, radius)
+    for row, col in np.ndindex(6, 4):
+        window = plane[:, max(row - radius, 0):row + radius + 1,
+                       max(col - radius, 0):col + radius + 1]
+        assert np.array_equal(found[:, row, col], window.max(axis=(1, 2)))

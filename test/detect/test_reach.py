@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.core.motion import MotionModes
-from lowsnr_detect.calibration.calibration import calibrate
+from lowsnr_detect.calibration.operating_point import calibrate
 from lowsnr_detect.detectors.cdt import CDT
 from lowsnr_detect.detectors.cusum import CUSUM
 from lowsnr_detect.detectors.hmm import HMM

@@ -9,8 +9,8 @@ from lowsnr_common.core.destination import Destination
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_detect.detectors.cdt import CDT
 from lowsnr_detect.detectors.sdt import SDT
-from lowsnr_detect.parts.destination_moves import favoured_cells
-from lowsnr_detect.parts.destination_moves import favoured_moves
+from lowsnr_detect.parts.destination_moves import cell_likelihoods
+from lowsnr_detect.parts.destination_moves import move_likelihoods
 from lowsnr_detect.parts.moves import move_model
 from lowsnr_detect.parts.wald_bounds import wald_bounds
 import numpy as np
@@ -135,12 +135,12 @@ def test_with_a_destination_the_best_of_all_paths_counts(rng, arrival):
         for start, *moves in itertools.product(np.ndindex(*SHAPE), range(9), range(9)):
             cell, total = np.array(start), ratio[last - 2][start]
             if to.is_ahead(last - 1):
-                total += math.log(favoured_cells(*known, last - 1, SHAPE)[0, 0][start])
+                total += math.log(cell_likelihoods(*known, last - 1, SHAPE)[0, 0][start])
             for number, move in zip((last, last + 1), moves):
                 prob = model.kernel[0, move, 0]
                 if to.is_ahead(number):
-                    favour, mean = favoured_moves(*known, number, SHAPE)
-                    prob *= favour[0, move, *cell] / mean[0, 0, *cell]
+                    factor, mean = move_likelihoods(*known, number, SHAPE)
+                    prob *= factor[0, move, *cell] / mean[0, 0, *cell]
                 cell = cell + model.moves[move]
                 if not np.all((cell >= 0) & (cell < SHAPE)):
                     break
@@ -151,5 +151,5 @@ def test_with_a_destination_the_best_of_all_paths_counts(rng, arrival):
 
 
 def test_destination_needs_the_move_prior():
-    with pytest.raises(ValueError, match='SDT.move_prior = False, must be true'):
+    with pytest.raises(ValueError, match='SDT.move_prior'):
         SDT(destination=Destination(probability=0.5))

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from detect import oracles
 from lowsnr_common.core.destination import Destination
-from lowsnr_common.core.destination import favour_of_states
+from lowsnr_common.core.destination import state_likelihood
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.core.motion import MotionModes
 from lowsnr_detect.detectors.tbd1 import MMTBD1
@@ -22,7 +22,7 @@ SHAPE = (4, 3)
 FRAMES = 5
 SENSOR = SensorModel(snr_db=3.0)
 EXISTENCE = Existence(birth_prob=0.1, death_prob=0.2, initial_prob=0.3)
-# Without process noise a life is an arc, which the oracle draws by its own geometry.
+# Without process noise a trajectory consists of arcs, which the oracle draws by geometry.
 TURNS = MotionModes(
     turn_rates_deg_s=(0.0, 60.0, -60.0), mode_sojourn_s=3.0, acceleration_density=0.0,
     min_speed_mps=0.3, max_speed_mps=0.9)
@@ -33,7 +33,7 @@ ALWAYS = -1e9
 
 
 def sized(cls, particles, **settings):
-    """Return a filter of so many particles in all."""
+    """Return a filter with a number of particles in all."""
     if issubclass(cls, MMTBD2):
         return cls(particles=particles // 2, birth_particles=particles // 2, **settings)
     return cls(particles=particles, **settings)
@@ -50,14 +50,14 @@ def run(detector, frames, rng):
 
 @pytest.mark.parametrize('cls', [MMTBD1, MMTBD2])
 def test_converges_to_the_exact_posterior(rng, cls):
-    # 150 filters on the same frames; the error of the exact odds, from 400 000 sampled lives
-    # of equal weight, is below 0.01.  Tolerances are four standard errors.
+    # 150 filters on the same frames; the error of the exact odds, from 400 000 sampled
+    # trajectories of equal weight, is below 0.01.  Tolerances are four standard errors.
     runs = 150
     frames = rng.standard_normal((FRAMES, *SHAPE)) + 0.4
-    lives = oracles.sampled_lives(SHAPE, TURNS, FRAMES, 400_000, rng)
+    trajectories = oracles.sampled_trajectories(SHAPE, TURNS, FRAMES, 400_000, rng)
     chain = EXISTENCE
     log_odds, position = oracles.presence(
-        SENSOR.log_likelihood_ratio(frames), lives, chain.birth_prob, chain.death_prob,
+        SENSOR.log_likelihood_ratio(frames), trajectories, chain.birth_prob, chain.death_prob,
         chain.initial_prob)
     error = {}
     for particles in (400, 6400):
@@ -90,7 +90,7 @@ def test_flat_likelihood_leaves_existence_and_modes_at_their_priors(rng, cls):
         prob = EXISTENCE.birth_prob * (1 - prob) + (1 - EXISTENCE.death_prob) * prob
     exists = getattr(state, 'exists', np.ones(state.modes.shape, bool))
     share = np.bincount(state.modes[exists], minlength=3) / exists.sum()
-    # Resampling makes brothers of about ten particles: fewer draws than there are particles.
+    # Resampling duplicates particles about ten times: there are fewer independent draws.
     assert share == pytest.approx(np.full(3, 1 / 3), abs=4 * 0.47 / np.sqrt(exists.sum() / 10))
 
 
@@ -122,7 +122,7 @@ def test_one_mode_is_the_single_model_filter_byte_for_byte(seed, several, single
 
 @pytest.mark.parametrize('cls', [MMTBD1, MMTBD2])
 def test_object_that_leaves_the_frame_is_gone(cls):
-    # It runs out at the right edge; P_d alone would keep it for ten frames on end.
+    # It leaves at the right edge; P_d alone would keep it for more than ten frames.
     motion = ConstantVelocity(min_speed_mps=0.9, max_speed_mps=1.0, acceleration_density=0.0)
     detector = sized(cls, 2000, sensor=SensorModel(snr_db=14.0), motion=motion,
                      existence=Existence(death_prob=0.001), threshold=0.0)
@@ -156,7 +156,7 @@ def test_births_are_within_their_cell_and_speed_limits(rng):
 
 def brute_force(frames, motion, to, rng):
     """
-    Return odds and mean position of an object that in 99 of 100 cases is there from the start.
+    Return odds and mean position of an object that exists from the start with probability 0.99.
 
     A million objects of the base motion, weighted by h where they are, or where they left.
     """
@@ -170,22 +170,22 @@ def brute_force(frames, motion, to, rng):
             modes = motion.switch(modes, 1.0, rng)
             states = motion.move(states, modes, 1.0, rng)
         if to.is_ahead(number):
-            favour = favour_of_states(to, states, number, 1.0, float(rows * cols))
+            factor = state_likelihood(to, states, number, 1.0, float(rows * cols))
         row, col = SENSOR.cells(states).T
         here = (row >= 0) & (row < rows) & (col >= 0) & (col < cols)
-        gone += np.where(inside & ~here, np.exp(sums) * favour, 0.0)
+        gone += np.where(inside & ~here, np.exp(sums) * factor, 0.0)
         inside &= here
         sums += ratio[row.clip(0, rows - 1), col.clip(0, cols - 1)]
-    weight = np.where(inside, np.exp(sums) * favour, 0.0)
+    weight = np.where(inside, np.exp(sums) * factor, 0.0)
     return (np.log(0.99 * weight.mean() / (0.01 + 0.99 * gone.mean())),
             weight @ states[:, [0, 2]] / weight.sum())
 
 
-@pytest.mark.parametrize(('cls', 'arrival', 'stray'), [
+@pytest.mark.parametrize(('cls', 'arrival', 'density'), [
     (TBD2, 4, 0.05), (MMTBD2, 4, 0.05), (MMTBD2, 3, 0.05), (TBD2, 6, 10.0)])
-def test_with_a_destination_it_converges_to_weighted_base_motion(rng, cls, arrival, stray):
+def test_with_a_destination_it_converges_to_weighted_base_motion(rng, cls, arrival, density):
     to = Destination(probability=0.8, x_m=4.0, y_m=1.0, std_m=0.6, arrival_frame=arrival,
-                     acceleration_density=stray)
+                     acceleration_density=density)
     motion = MotionModes(acceleration_density=0.05, mode_sojourn_s=3.0, min_speed_mps=0.3)
     motion = motion if cls is MMTBD2 else motion.single()
     runs, frames = 100, rng.standard_normal((4, 5, 6)) + 0.4

@@ -1,4 +1,4 @@
-"""Intervals over runs, against closed forms and cases that are known."""
+"""Intervals over runs, against closed forms and known cases."""
 
 from lowsnr_eval.scoring.metrics import wilson_interval
 from lowsnr_eval.study.bootstrap import bootstrap
@@ -26,7 +26,7 @@ def test_bootstrap_of_a_mean_is_the_normal_interval(rng):
         (values.mean() - half, values.mean() + half), abs=0.12 * half)
 
 
-def test_bootstrap_covers_as_often_as_it_says(rng):
+def test_bootstrap_interval_covers_the_mean_as_often_as_nominal(rng):
     covered = 0
     for trial in range(200):
         low, high = bootstrap(with_count(rng.normal(0.0, 1.0, 60)), mean, trial).interval
@@ -35,12 +35,12 @@ def test_bootstrap_covers_as_often_as_it_says(rng):
     assert abs(covered / 200 - 0.94) < 0.07
 
 
-def test_runs_that_all_agree_leave_no_interval():
+def test_interval_of_equal_runs_has_no_width():
     assert bootstrap(with_count(np.full(20, 0.25)), mean, 0).interval == (0.25, 0.25)
 
 
 @pytest.mark.parametrize('runs', [0, 5])
-def test_figure_that_does_not_exist_is_none(runs):
+def test_figure_without_data_is_none(runs):
     with np.errstate(invalid='ignore'):
         effect = bootstrap(np.zeros((runs, 2)), mean, 0)
     assert (effect.value, effect.interval) == (None, None)
@@ -59,7 +59,7 @@ def test_trials_that_repeat_each_other_count_once(rng):
     assert repeated == pytest.approx(share_interval(once, np.ones(100)), rel=0.02)
 
 
-def test_share_of_nothing_has_no_interval():
+def test_share_without_trials_has_no_interval():
     assert share_interval(np.zeros(4), np.zeros(4)) is None
     low, high = share_interval(np.zeros(4), np.full(4, 10.0))
     assert low == 0.0

@@ -14,14 +14,15 @@ from lowsnr_eval.study.experiment import run_block
 from lowsnr_eval.study.experiment import simulate_run
 from lowsnr_eval.study.offline_chain import Chain
 from lowsnr_eval.study.offline_chain import detect
+from lowsnr_eval.study.offline_chain import group_by_statistic
 from lowsnr_eval.study.offline_chain import of_run
-from lowsnr_eval.study.offline_chain import sharing
+from lowsnr_eval.study.offline_chain import RunStreams
 from lowsnr_eval.study.offline_chain import track
-from lowsnr_sensor.paths import Leg
-from lowsnr_sensor.paths import Start
 from lowsnr_sensor.scenario import Scenario
 from lowsnr_sensor.scenario import ScenarioObject
 from lowsnr_sensor.simulator import simulate_frames
+from lowsnr_sensor.trajectories import Leg
+from lowsnr_sensor.trajectories import Start
 from lowsnr_track.pda_mmpf import PdaMmpf
 import numpy as np
 import pytest
@@ -93,13 +94,13 @@ def test_thresholds_together_declare_what_they_declare_alone(name):
 
 def test_only_one_posterior_serves_all_thresholds():
     shared = [chain(small('mmtbd2'), 'a'), chain(replace(small('mmtbd2'), threshold=3.0), 'b')]
-    assert [len(group) for group in sharing(shared)] == [2]
-    assert [len(group) for group in sharing([chain(small('sdt'), 'a')] * 2)] == [1, 1]
+    assert [len(group) for group in group_by_statistic(shared)] == [2]
+    assert [len(group) for group in group_by_statistic([chain(small('sdt'), 'a')] * 2)] == [1, 1]
     other = replace(shared[0], detector=small('mmtbd2', motion=MotionModes(max_speed_mps=2.0)))
-    assert len(sharing([*shared, other])) == 2
+    assert len(group_by_statistic([*shared, other])) == 2
 
 
-def test_frames_are_those_of_the_nodes():
+def test_frames_are_those_of_the_sensor_node():
     truth, frames = simulate_run(SCENARIO, SENSOR, 11, 0)
     objects = SCENARIO.truth(1.0, 1.0, stream(11, 'truth'))
     assert np.array_equal(
@@ -163,7 +164,32 @@ def test_crowded_chain_is_tracked_in_few_runs():
     assert len(run_block(block(crowd, first=3))['it', 'nominal'].tracking) == 0
 
 
-def test_two_objects_at_a_time_are_refused():
+def test_two_objects_at_a_time_are_rejected():
     other = replace(OBJECT, id='other')
     with pytest.raises(ValueError, match='frame 3 has 2 objects'):
         run_block(block(scenario=replace(SCENARIO, objects=(OBJECT, other))))
+
+
+STREAM_RUNS = (4, 9, 2)
+
+
+def generators():
+    return [stream(3, 'detector', run) for run in STREAM_RUNS]
+
+
+def test_every_run_draws_what_its_own_stream_gives():
+    batch = RunStreams(generators())
+    drawn = [
+        batch.random((3, 1)), batch.standard_normal((3, 5, 4)),
+        batch.uniform(-0.5, 0.5, (3, 7)), batch.integers(3, size=(3, 6)), batch.random((3, 2))]
+    for number, own in enumerate(generators()):
+        alone = [
+            own.random((1,)), own.standard_normal((5, 4)), own.uniform(-0.5, 0.5, (7,)),
+            own.integers(3, size=(6,)), own.random((2,))]
+        for one, other in zip(drawn, alone):
+            assert np.array_equal(one[number], other)
+
+
+def test_size_that_does_not_start_with_the_runs_is_rejected():
+    with pytest.raises(ValueError, match='3 runs'):
+        RunStreams(generators()).random((2, 4))

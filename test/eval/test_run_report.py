@@ -83,7 +83,7 @@ def test_marks_are_in_cells_and_those_without_a_place_are_left_out(tmp_path):
     assert lines[0]['chains']['sdt'] == {'detections': [[2.0, 4.0, '']], 'tracks': []}
 
 
-def test_frame_and_what_is_said_of_it_meet_in_any_order(tmp_path):
+def test_frame_and_its_marks_arrive_in_any_order(tmp_path):
     with closing(SceneWriter(tmp_path, 1.0)) as scene:
         scene.add_answers(1, 10, [], {})
         scene.add_frame(10, np.full(SHAPE, 1.0))
@@ -99,7 +99,7 @@ def test_frame_and_what_is_said_of_it_meet_in_any_order(tmp_path):
     assert [None if f is None else f[0, 0] for f in frames] == [1.0, 2.0, None, 4.0, None]
 
 
-def test_what_waits_for_its_other_half_is_bounded(tmp_path):
+def test_frames_that_wait_for_their_marks_are_bounded(tmp_path):
     with closing(SceneWriter(tmp_path, 1.0)) as scene:
         for k in range(1000):
             scene.add_frame(k, np.zeros(SHAPE))
@@ -151,7 +151,7 @@ def test_line_cut_off_by_a_crash_is_left_out(folder):
     assert '<canvas' in write_run_report(folder, 'again').read_text()
 
 
-def test_report_holds_all_there_is_to_say(folder):
+def test_report_holds_command_parameters_and_figures(folder):
     report = write_run_report(folder, 'python scripts/bringup.py --seed 3').read_text()
     assert 'bringup.py --seed 3' in report
     assert 'a: &lt;b&gt;' in report
@@ -162,7 +162,7 @@ def test_report_holds_all_there_is_to_say(folder):
     assert json.loads(data)['lines'][4]['truth'][0][2] == '</script>'
 
 
-def test_report_says_what_it_does_not_show(tmp_path, monkeypatch):
+def test_report_states_what_it_leaves_out(tmp_path, monkeypatch):
     monkeypatch.setattr(scene_module, '_MOST_CELLS', 20)
     with closing(SceneWriter(tmp_path, 1.0)) as scene:
         scene.add_frame(1, np.zeros(SHAPE))
@@ -231,11 +231,11 @@ def test_animation_of_frames_that_are_missing_or_change_their_size(tmp_path, req
     with browser(require_program('chromium'), tmp_path / 'profile') as page:
         page.load(report)
         nothing, size = 'objects, 0 detections, 0 tracks', '[view.width, view.height]'
-        assert page.value(NUMBER) == f'frame 1 (did not come): 0 {nothing}'
+        assert page.value(NUMBER) == f'frame 1 (missing): 0 {nothing}'
         assert page.value(size) == [500, 700]
         page.value("get('chain').value = 'b', get('chain').dispatchEvent(new Event('change'))")
-        assert page.value(NUMBER) == 'frame 1 (did not come): 0 objects, 1 detection, 0 tracks'
-        for expected in ('frame 2:', 'frame 3 (did not come):', 'frame 4:'):
+        assert page.value(NUMBER) == 'frame 1 (missing): 0 objects, 1 detection, 0 tracks'
+        for expected in ('frame 2:', 'frame 3 (missing):', 'frame 4:'):
             page.click('#forward')
             assert page.value(NUMBER).startswith(expected)
         assert page.value(size) == [500, 700]

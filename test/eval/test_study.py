@@ -1,4 +1,4 @@
-"""Studies: what is planned, kept and gone on with."""
+"""Studies: their plan, their identity, and their results folder."""
 
 from dataclasses import replace
 import functools
@@ -7,17 +7,20 @@ from pathlib import Path
 
 from lowsnr_detect.parts.registry import DETECTORS
 from lowsnr_eval.study.experiment import run_block
-from lowsnr_eval.study.study import plan_study
+from lowsnr_eval.study.study import StudyOptions
 from lowsnr_eval.study.study_folder import open_folder
-from lowsnr_eval.study.study_options import StudyOptions
-from lowsnr_eval.study.study_results import gather
-from lowsnr_eval.study.study_results import points
+from lowsnr_eval.study.study_folder import OtherStudyError
+from lowsnr_eval.study.study_identity import differences
+from lowsnr_eval.study.study_identity import identity
+from lowsnr_eval.study.study_plan import plan_study
+from lowsnr_eval.study.study_results import join_blocks
+from lowsnr_eval.study.study_results import merit_rows
 from lowsnr_eval.study.study_results import summary
 import pytest
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
 SMALL = StudyOptions(example=2, runs=3, snrs_db=(9.0,), detectors=('cdt',))
-# What the issue of every point is; consumers rely on these names.
+# Readers of summary.json rely on these names.
 KEYS = {'detector', 'snr_db', 'operating_point', 'level', 'pfa_per_frame', 'pd', 'pd_interval',
         'rmse_position_m', 'rmse_velocity_mps', 'gospa_m', 'runs', 'seed'}
 
@@ -38,7 +41,7 @@ def blocks():
                    for name, block in study.blocks(thresholds(study)).items()}
 
 
-def test_detectors_of_the_paper_run_in_full_and_all_others_in_few():
+def test_methods_of_the_paper_take_part_in_all_runs_and_others_in_few():
     study = plan(example=4, runs=200, snrs_db=None, detectors=None)
     assert study.snrs_db == (3.0, 5.0, 9.0)
     assert set(DETECTORS) < set(study.labels)
@@ -77,22 +80,22 @@ def test_blocks_cover_every_run_once():
     ({'example': 7}, 'example 7'), ({'runs': 0}, 'runs = 0'),
     ({'detectors': ('sdr',)}, "'sdr'"), ({'snrs_db': (900.0,)}, '900'),
 ])
-def test_what_cannot_be_is_refused_by_name(changes, culprit):
+def test_impossible_study_is_rejected_by_name(changes, culprit):
     with pytest.raises(ValueError, match=culprit) as error:
         plan(**changes)
     assert '\n' not in str(error.value)
 
 
-def test_points_have_the_stated_keys(blocks):
+def test_rows_of_the_summary_have_the_stated_keys(blocks):
     study, results = blocks
-    outcome = gather(study, results.items())
-    found = points(outcome)
+    joined = join_blocks(study, results.items())
+    found = merit_rows(joined)
     assert all(set(row) >= KEYS for row in found)
     assert {(row['operating_point'], row['level']) for row in found} == {
         (point, level) for point in ('nominal', 'matched')
         for level in ('detection', 'tracking')}
     assert {row['runs'] for row in found} == {3}
-    json.dumps(summary(outcome, {}), allow_nan=False)
+    json.dumps(summary(joined, {}), allow_nan=False)
 
 
 def test_saved_block_is_read_back(tmp_path, blocks):
@@ -101,8 +104,8 @@ def test_saved_block_is_read_back(tmp_path, blocks):
     name, block = next(iter(results.items()))
     assert folder.load(name) is None
     folder.save(name, block)
-    again = gather(study, [(name, folder.load(name))])
-    assert points(again) == points(gather(study, [(name, block)]))
+    again = join_blocks(study, [(name, folder.load(name))])
+    assert merit_rows(again) == merit_rows(join_blocks(study, [(name, block)]))
 
 
 def test_half_written_block_is_not_finished(tmp_path, blocks):
@@ -119,24 +122,55 @@ def test_new_study_leaves_the_results_of_another_alone(tmp_path):
     first = open_folder(tmp_path / 'example2', plan(), resume=False)
     second = open_folder(tmp_path / 'example2', plan(runs=5), resume=False)
     assert second.path == tmp_path / 'example2-2'
-    assert json.loads((first.path / 'study.json').read_text())['options']['runs'] == 3
+    kept = json.loads((first.path / 'study.json').read_text())['identity']
+    assert differences(kept, identity(plan())) == {}
+    assert differences(kept, identity(plan(runs=5)))['study.options.runs'] == (3, 5)
 
 
-def test_resume_goes_on_in_the_folder_of_the_same_study(tmp_path):
+def with_change(name):
+    """Return the small study, and one that differs in its gate, scenario or sensor."""
+    case = plan().cases[0]
+    if name == 'gate':
+        changed = replace(case, evaluation=replace(case.evaluation, gate_cells=4.0))
+    elif name == 'scenario':
+        moved = replace(case.scenario.objects[0], snr_offset_db=1.5)
+        changed = replace(case, scenario=replace(case.scenario, objects=(moved,)))
+    else:
+        changed = replace(case, sensor=replace(case.sensor, blur_m=0.7))
+    return replace(plan(), cases=(changed, *plan().cases[1:]))
+
+
+def test_resume_continues_in_the_folder_of_the_same_study(tmp_path):
     fresh = open_folder(tmp_path / 'example2', plan(), resume=True)
-    assert open_folder(tmp_path / 'example2', plan(), resume=True).path == fresh.path
-    with pytest.raises(ValueError, match='runs was 3'):
-        open_folder(tmp_path / 'example2', plan(runs=5), resume=True)
+    again = plan_study(SMALL, CONFIG)
+    assert open_folder(tmp_path / 'example2', again, resume=True).path == fresh.path
+
+
+@pytest.mark.parametrize(('name', 'path', 'old', 'new'), [
+    ('gate', 'evaluation.gate_cells', '1.5', '4.0'),
+    ('scenario', 'scenario.objects[0].snr_offset_db', '0.0', '1.5'),
+    ('sensor', 'sensor.blur_m', '0.0', '0.7'),
+])
+def test_resume_in_the_folder_of_another_study_is_rejected_by_name(
+        tmp_path, name, path, old, new):
+    open_folder(tmp_path / 'example2', plan(), resume=False)
+    with pytest.raises(OtherStudyError) as error:
+        open_folder(tmp_path / 'example2', with_change(name), resume=True)
+    assert error.value.changed == {f'study.cases[0].{path}': (old, new)}
+    text = str(error.value)
+    assert '\n' not in text
+    assert all(part in text for part in (path, old, new, str(tmp_path)))
 
 
 @pytest.mark.parametrize('resume', [True, False])
-@pytest.mark.parametrize('content', ['{"format": 0}', 'not JSON', None])
-def test_folder_of_another_version_is_refused(tmp_path, resume, content):
+@pytest.mark.parametrize('content', ['{"format": 0}', '{"format": 2}', '[]', 'not JSON', None])
+def test_folder_with_other_files_is_rejected_and_left_alone(tmp_path, resume, content):
     folder = tmp_path / 'example2'
     folder.mkdir()
     name = 'study.json' if content else 'notes.txt'
     (folder / name).write_text(content or 'mine')
-    with pytest.raises(ValueError, match='another version or of something else'):
+    with pytest.raises(ValueError, match='example2') as error:
         open_folder(folder, plan(), resume)
+    assert not isinstance(error.value, OtherStudyError)
     assert (folder / name).read_text() == (content or 'mine')
     assert len(list(folder.iterdir())) == 1

@@ -57,7 +57,7 @@ def test_tracker_answers_every_array(sequence, tracker, cell):
         entries = tried('', array_to_estimates, array, cell) or []
         state, answer = tracker.step(state, entries, stamp_ns / 1e9, rng)
         assert len(answer.confirmed) + len(answer.tentative) <= tracker.life.max_tracks
-        assert len(entries) >= sum(answer.refused.values())
+        assert len(entries) >= sum(answer.rejected.values())
         for track in (*answer.confirmed, *answer.tentative):
             assert np.isfinite(track.state).all()
             assert 0.0 <= track.score <= 1.0

@@ -1,4 +1,4 @@
-"""Bags with any bytes flipped, cut or swapped are used as far as they are whole, or refused."""
+"""Bags with any bytes flipped, cut or swapped are read up to the damage, or rejected."""
 
 import argparse
 import copy
@@ -25,7 +25,7 @@ from hypothesis import strategies as st
 from lowsnr_bringup.bags.reader import Bag
 from lowsnr_bringup.bags.recorded_run import inspect_bag
 from lowsnr_bringup.bags.recording import CUSTOM_PARAMETERS
-from lowsnr_bringup.bags.replaying import played_frames
+from lowsnr_bringup.bags.replay import played_frames
 from lowsnr_bringup.bags.writer import BagWriter
 from lowsnr_bringup.plan import config_files
 from lowsnr_common.core.records import Estimate
@@ -74,7 +74,7 @@ def write_bag(folder, storage='mcap', parameters=None, spaces=('',)):
 
 
 def one_frame(k, header):
-    """Yield what is said in a frame: topic and message."""
+    """Yield the messages of a frame with their topics."""
     item = Estimate(np.array([k, 0.5, 2.0, 0.0]), np.eye(4), 0.9, '1')
     for name in ('/ground_truth', '/tracks'):
         yield f'{name}/odometry', messages.estimate_to_odometry(item, header)
@@ -95,7 +95,7 @@ def shipped(storage):
 
 @st.composite
 def bags(draw):
-    """Return the files of a bag by name, of which something is amiss."""
+    """Return the files of a faulty bag by name."""
     storage = draw(st.sampled_from(sorted(STORAGES)))
     files = dict(shipped(storage))
     name = STORAGES[storage]
@@ -127,7 +127,7 @@ def lay_out(place, files):
 
 
 def evaluated(folder, results):
-    """Score a bag as evaluate.py does; return the notes, and None where it is refused."""
+    """Score a bag as evaluate.py does; return the notes."""
     options = argparse.Namespace(bag=folder, results=results, frames_topic=None, truth_topic=None)
     with Bag(folder) as bag:
         score(bag, options)
@@ -135,7 +135,7 @@ def evaluated(folder, results):
 
 
 def score(bag, options):
-    """Score a bag as evaluate.py does; what it writes is whole, and says only what it may."""
+    """Score a bag as evaluate.py does; check that the results are complete and inert."""
     folder = evaluate.score(bag, options)
     summary = json.loads((folder / 'summary.json').read_text())
     assert all(line.isprintable() for line in format_table(summary).split('\n'))
@@ -154,31 +154,31 @@ def played(folder):
         return bag.notes
 
 
-def looked_at(folder):
-    """Look through a bag as bringup.py --replay does."""
+def inspected(folder):
+    """Read through a bag as bringup.py --replay does."""
     return inspect_bag(folder, '/image_raw', '/ground_truth').notes
 
 
 @pytest.fixture(autouse=True)
 def config(monkeypatch):
-    """Have the configuration read once, not for every bag."""
+    """Read the configuration once, not for every bag."""
     whole = functools.cache(config_files.load_config)
     monkeypatch.setattr(config_files, 'load_config', whole)
-    # Drawing takes a second, and is tried with hostile names below.
+    # Drawing takes a second; test_files.py draws hostile names.
     monkeypatch.setattr(figures, 'single_run', lambda *_: None)
     monkeypatch.setattr(figures, 'render', lambda figure: ('<svg/>', b''))
     monkeypatch.setattr(pages, 'versions', lambda: pages.Markup('versions'))
 
 
 @fuzz('damaged bags', 240, files=bags())
-def test_damaged_bag_is_used_or_refused(place, files):
-    tell_all(place, files)
+def test_damaged_bag_is_used_or_rejected(place, files):
+    use_all(place, files)
 
 
-def tell_all(place, files):
-    """Use a bag in every way; it is refused or used in one line for each thing amiss."""
+def use_all(place, files):
+    """Use a bag in every way: it is rejected, or used with a line for each fault."""
     folder, results = lay_out(place, files)
-    for use in (looked_at, played, lambda path: evaluated(path, results)):
+    for use in (inspected, played, lambda path: evaluated(path, results)):
         notes = tried(folder, use, folder)
         for note in notes or ():
             assert note.startswith((str(folder), 'answers to stamp')), note
@@ -188,8 +188,8 @@ def tell_all(place, files):
 
 
 @st.composite
-def told(draw):
-    """Return the parameters that a bag tells, as text."""
+def parameter_texts(draw):
+    """Return the parameters that a bag carries, as text."""
     if draw(st.integers(0, 4)) == 0:
         return draw(nasty | trees.map(yaml.safe_dump))
     tree = copy.deepcopy(PARAMETERS)
@@ -198,13 +198,13 @@ def told(draw):
     return yaml.safe_dump(tree).replace('PLACE', draw(nasty | st.sampled_from(HOSTILE).map(repr)))
 
 
-@fuzz('what bags tell', 120, text=told(), storage=st.sampled_from(sorted(STORAGES)))
-def test_bag_may_tell_anything(place, text, storage):
-    tell_all(place, shipped(storage) | {'metadata.yaml': retold(storage, text)})
+@fuzz('parameters in bags', 120, text=parameter_texts(), storage=st.sampled_from(sorted(STORAGES)))
+def test_bag_may_carry_any_parameters(place, text, storage):
+    use_all(place, shipped(storage) | {'metadata.yaml': with_parameters(storage, text)})
 
 
-def retold(storage, text):
-    """Return the metadata of a bag that tells other parameters of its run."""
+def with_parameters(storage, text):
+    """Return the metadata of a bag that carries these parameters of its run."""
     tree = yaml.safe_load(shipped(storage)['metadata.yaml'])
     tree['rosbag2_bagfile_information']['custom_data'][CUSTOM_PARAMETERS] = text
     return yaml.safe_dump(tree).encode()
@@ -215,4 +215,4 @@ def retold(storage, text):
 def test_topics_may_be_called_anything(place, first, second, storage):
     shutil.rmtree(place / 'bag', ignore_errors=True)
     write_bag(place / 'bag', storage, '{}', (f'/{first}', f'/{second}'))
-    tell_all(place, {path.name: path.read_bytes() for path in (place / 'bag').iterdir()})
+    use_all(place, {path.name: path.read_bytes() for path in (place / 'bag').iterdir()})

@@ -1,4 +1,4 @@
-"""Frames, tables of truth and results that are damaged are used or refused in one line."""
+"""Damaged frames, tables of truth and results are used, or rejected in one line."""
 
 import argparse
 from contextlib import closing
@@ -17,7 +17,7 @@ from fuzz.strategies import names
 from fuzz.strategies import numbers
 from fuzz.strategies import whole
 from hypothesis import strategies as st
-from lowsnr_bringup.bags.image_files import open_recording
+from lowsnr_bringup.bags.image_files import open_frames
 from lowsnr_bringup.bags.truth_table import read_truth
 from lowsnr_bringup.run.results_folder import Account
 from lowsnr_common.core.records import Estimate
@@ -86,21 +86,21 @@ archives = st.builds(damaged, st.just(ARCHIVE)).flatmap(lambda each: each) | st.
 
 
 def converted(place, source, truth=None, **options):
-    """Make a bag of frames as convert.py does."""
+    """Make a bag from frames as convert.py does."""
     shutil.rmtree(place / 'bag', ignore_errors=True)
     given = {'rate': None, 'period': None, 'storage': 'mcap', 'out': place / 'bag'} | options
-    return convert.write(open_recording(source), argparse.Namespace(truth=truth, **given))
+    return convert.write(open_frames(source), argparse.Namespace(truth=truth, **given))
 
 
 @fuzz('npz archives', 420, data=archives, period=st.none() | numbers.filter(lambda n: n > 0.0))
-def test_archive_is_converted_or_refused(place, data, period):
+def test_archive_is_converted_or_rejected(place, data, period):
     path = place / 'frames.npz'
     path.write_bytes(data)
     tried('', converted, place, path, None)
 
 
 @fuzz('images of a folder', 120, ending=st.sampled_from(sorted(IMAGES)), data=st.data())
-def test_image_is_converted_or_refused(place, ending, data):
+def test_image_is_converted_or_rejected(place, ending, data):
     spoilt = data.draw(damaged(IMAGES[ending]))
     (place / 'frames').mkdir(exist_ok=True)
     for path in (place / 'frames').iterdir():
@@ -117,7 +117,7 @@ tables = st.lists(st.lists(cells, min_size=1, max_size=5), max_size=4).map(
 
 @fuzz('tables of truth', 600, data=damaged(TABLE) | tables.map(
     lambda text: (TABLE.decode().split('\n')[0] + '\n' + text).encode('utf-8', 'replace')))
-def test_table_of_truth_is_read_or_refused(place, data):
+def test_table_of_truth_is_read_or_rejected(place, data):
     path = place / 'truth.csv'
     path.write_bytes(data)
     tried(path, read_truth, path, np.arange(1.0, 4.0))
@@ -148,7 +148,7 @@ def results(tmp_path_factory):
 
 @pytest.fixture
 def undrawn(monkeypatch):
-    """Have no figures drawn, which take a second each."""
+    """Draw no figures, which take a second each."""
     monkeypatch.setattr(figures, 'single_run', lambda *_: None)
     monkeypatch.setattr(figures, 'render', lambda figure: ('<svg/>', b''))
     monkeypatch.setattr(pages, 'versions', lambda: pages.Markup('versions'))
@@ -156,7 +156,7 @@ def undrawn(monkeypatch):
 
 @fuzz('results folders', 360, name=st.sampled_from(
     ['summary.json', 'frames.csv', 'scene.jsonl', 'frames.f32']), data=st.data())
-def test_report_of_damaged_results_is_written_or_refused(place, results, undrawn, name, data):
+def test_report_of_damaged_results_is_written_or_rejected(place, results, undrawn, name, data):
     for other, whole_file in results.items():
         (place / other).write_bytes(whole_file)
     (place / name).write_bytes(data.draw(damaged(results[name])))

@@ -1,4 +1,4 @@
-"""The conditioner node answers every frame, and brings the truth into the new pixels."""
+"""The conditioner node answers every frame, and converts the truth to cells."""
 
 import array
 
@@ -63,11 +63,11 @@ def test_frames_are_conditioned_and_malformed_ones_answered_with_zeros(
     spin(lambda: len(answers) == 12 and conditioner.counts['late'] == 1)
     assert [answer.header for answer in answers] == [one.header for one in images]
     settings = ConditioningSettings()
-    memory = settings.init(SHAPE)
+    state = settings.init(SHAPE)
     for k, answer in enumerate(answers):
         expected = np.zeros((7, 5))
         if k not in (8, 10):
-            memory, expected = settings.step(memory, frames[k].astype(np.uint8))
+            state, expected = settings.step(state, frames[k].astype(np.uint8))
         np.testing.assert_array_equal(messages.image_to_frame(answer), expected)
         assert expected.any() == (k > 4 and k not in (8, 10))
     assert (conditioner.counts['in'], conditioner.counts['out']) == (13, 12)
@@ -77,7 +77,7 @@ def test_frames_are_conditioned_and_malformed_ones_answered_with_zeros(
         for report in reports))
 
 
-def test_truth_is_passed_on_in_cells_of_the_conditioned_frame(conditioner, client, spin):
+def test_truth_is_published_in_cells_of_the_conditioned_frame(conditioner, client, spin):
     arrays, states = [], []
     client.create_subscription(
         Detection2DArray, 'conditioned/ground_truth', arrays.append, 10)
@@ -103,7 +103,7 @@ def test_truth_is_passed_on_in_cells_of_the_conditioned_frame(conditioner, clien
     np.testing.assert_array_equal(back.state, [2.0, 1.5, 8.0, -0.5])
 
 
-def test_without_truth_there_are_no_topics_of_it(context):
+def test_without_truth_its_topics_do_not_exist(context):
     node = ConditionerNode(context=context, parameter_overrides=[Parameter('truth', value=False)])
     node.autostart()
     assert node.active
@@ -112,7 +112,7 @@ def test_without_truth_there_are_no_topics_of_it(context):
     node.destroy_node()
 
 
-def test_what_a_camera_sent_before_the_node_was_ready_is_not_answered(context, client, spin):
+def test_frames_that_came_before_activation_are_not_answered(context, client, spin):
     node = ConditionerNode(context=context, parameter_overrides=[
         Parameter('truth', value=False), Parameter('live', value=True)])
     answers = []

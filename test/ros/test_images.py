@@ -2,7 +2,7 @@
 
 import array
 
-from lowsnr_common.core.malformed import Malformed
+from lowsnr_common.core.records import Malformed
 from lowsnr_common.ros.images import image_to_array
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Parameters set on a running tracker node: it judges otherwise, and keeps its tracks."""
+"""Parameters set on a running tracker node: they apply at once, and all tracks are kept."""
 
 from lowsnr_track.pda_mmpf import PdaMmpf
 from lowsnr_track.tracker_node import TrackerNode
@@ -7,7 +7,7 @@ import pytest
 
 LIVE = {
     'detection.probability', 'detection.gate_probability', 'detection.clutter_density',
-    'detection.echo_density', 'life.birth_density', 'life.confirm_probability',
+    'detection.secondary_density', 'life.birth_density', 'life.confirm_probability',
     'life.release_probability', 'life.delete_probability'}
 
 
@@ -17,21 +17,21 @@ def tracker(started):
     return started(TrackerNode, rows=16, cols=24)
 
 
-def test_tracker_takes_gate_probabilities_and_thresholds_and_no_more(tracker):
+def test_live_parameters_are_probabilities_densities_and_thresholds(tracker):
     assert live_names(tracker.node, PdaMmpf) == LIVE
 
 
-def test_values_that_do_not_go_together_are_refused(tracker):
-    refused = tracker.set('life.confirm_probability', 0.4)
-    assert not refused.successful
-    assert 'must not fall' in refused.reason
+def test_thresholds_in_the_wrong_order_are_rejected(tracker):
+    result = tracker.set('life.confirm_probability', 0.4)
+    assert not result.successful
+    assert 'confirm_probability' in result.reason
     assert tracker.get('life.confirm_probability') == [0.95]
     assert tracker.set_together(
         life__confirm_probability=0.4, life__release_probability=0.3).successful
     assert tracker.node.tracker.life.confirm_probability == 0.4
 
 
-def test_tracks_are_kept_through_every_change(tracker):
+def test_every_change_keeps_the_tracks(tracker):
     ids = [tracker.follow((4.0 + 0.5 * k, 6.0)) for k in range(8)]
     assert ids[-1] == ['1']
     for name in sorted(LIVE):
@@ -41,7 +41,7 @@ def test_tracks_are_kept_through_every_change(tracker):
         assert tracker.follow((4.0 + 0.5 * tracker.stamp_s, 6.0)) == ['1'], name
 
 
-def test_confirmation_threshold_acts_on_tracks_to_come(tracker):
+def test_confirmation_threshold_applies_from_the_next_frame(tracker):
     assert tracker.set('life.confirm_probability', 0.9999999).successful
     ids = [tracker.follow((4.0 + 0.5 * k, 6.0)) for k in range(6)]
     assert not any(ids)
@@ -49,11 +49,11 @@ def test_confirmation_threshold_acts_on_tracks_to_come(tracker):
     assert tracker.follow((7.0, 6.0)) == ['1']
 
 
-def test_clutter_density_takes_the_place_of_the_estimate(tracker):
+def test_new_clutter_density_replaces_the_estimate(tracker):
     tracker.follow((4.0, 6.0))
     assert tracker.set('detection.clutter_density', 0.01).successful
-    assert tracker.node._memory.clutter == 0.01
+    assert tracker.node._tracker_state.clutter_density == 0.01
     tracker.follow((4.5, 6.0))
-    assert 0.005 < tracker.node._memory.clutter < 0.01
+    assert 0.005 < tracker.node._tracker_state.clutter_density < 0.01
     assert tracker.set('life.birth_density', 1e-4).successful
-    assert 0.005 < tracker.node._memory.clutter < 0.01
+    assert 0.005 < tracker.node._tracker_state.clutter_density < 0.01

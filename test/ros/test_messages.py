@@ -3,8 +3,8 @@
 import array
 
 from builtin_interfaces.msg import Time
-from lowsnr_common.core.malformed import Malformed
 from lowsnr_common.core.records import Estimate
+from lowsnr_common.core.records import Malformed
 from lowsnr_common.ros import messages
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The recorder beside a camera, which waits for nobody."""
+"""The recorder in a run with a camera, which does not wait for subscribers."""
 
 from pathlib import Path
 from threading import Thread
@@ -24,7 +24,7 @@ def camera(context):
 
 @pytest.fixture
 def recorder(context, tmp_path):
-    """Return a recorder of the camera, which is not started yet."""
+    """Return a recorder of the camera, not started yet."""
     values = {'live': True, 'topics': [TOPIC], 'bag': str(tmp_path / 'bag')}
     node = recorder_node.RecorderNode(context=context, parameter_overrides=[
         Parameter(name, value=value) for name, value in values.items()])
@@ -33,11 +33,11 @@ def recorder(context, tmp_path):
 
 
 def test_recording_begins_before_the_run_does(camera, recorder, monkeypatch):
-    monkeypatch.setattr(recorder_node, '_HEARD_WITHIN_S', 60.0)
+    monkeypatch.setattr(recorder_node, '_FIRST_FRAME_WITHIN_S', 60.0)
     start = Thread(target=recorder.autostart)
     start.start()
     start.join(1.0)
-    assert not recorder.active  # whoever hears the camera comes after
+    assert not recorder.active  # the nodes that receive the camera become active after it
     for _ in range(1000):
         camera.publish(Image())
         start.join(0.05)
@@ -49,7 +49,7 @@ def test_recording_begins_before_the_run_does(camera, recorder, monkeypatch):
         assert len(list(bag.messages({TOPIC}))) > 0
 
 
-def test_slow_camera_is_not_waited_for(camera, recorder, monkeypatch):
-    monkeypatch.setattr(recorder_node, '_HEARD_WITHIN_S', 0.5)
+def test_recorder_does_not_wait_for_a_slow_camera(camera, recorder, monkeypatch):
+    monkeypatch.setattr(recorder_node, '_FIRST_FRAME_WITHIN_S', 0.5)
     assert recorder.autostart()
     assert recorder.active

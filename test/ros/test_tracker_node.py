@@ -1,9 +1,13 @@
-"""The tracker node answers every array once, counts what it cannot use, and goes on."""
+"""The tracker node answers every array once, and counts the detections it rejects."""
 
 from diagnostic_msgs.msg import DiagnosticArray
+from lowsnr_common.core import compiled
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.ros import messages
+from lowsnr_track import measurements
+from lowsnr_track.pda_mmpf import PdaMmpf
 from lowsnr_track.tracker_node import TrackerNode
+from lowsnr_track.tracker_node import warm_up
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
@@ -96,7 +100,7 @@ def test_time_of_a_step_is_in_the_diagnostics(answers, tracker, client, spin):
         said()['detections longest [ms]'])
 
 
-def test_what_cannot_be_used_is_counted_and_the_track_goes_on(answers):
+def test_unusable_detections_are_counted_and_the_track_continues(answers):
     path = [array(k, (4 + 0.5 * k, 6)) for k in range(1, 9)]
     broken = array(9, (8.5, 6), (np.nan, 6), (8.5, 6), (99, 6), (5, 5))
     broken.detections[-1].results[0].hypothesis.score = 7.0
@@ -104,22 +108,34 @@ def test_what_cannot_be_used_is_counted_and_the_track_goes_on(answers):
     assert len(tracks) == 10
     assert status['late'] == 2
     assert {key: count for key, count in status.items() if key.startswith('detections')} == {
-        'detections position or score is not finite': 1, 'detections score is not in [0, 1]': 1,
-        'detections outside the frame': 1, 'detections same position as another': 1}
+        f'detections {reason}': 1 for reason in (
+            measurements.NOT_FINITE, measurements.NO_SCORE, measurements.OUTSIDE,
+            measurements.DUPLICATE)}
     assert [item.id for item in tracks[-1].detections] == ['1']
 
 
-def test_stamps_that_jump_end_all_tracks(answers):
+def test_jump_of_the_stamps_deletes_all_tracks(answers):
     path = [array(k, (4 + 0.5 * k, 6)) for k in range(1, 9)]
     tracks, _, _ = answers(*path, array(1e6, (8.5, 6)))
     assert tracks[-2].detections
     assert not tracks[-1].detections
 
 
-def test_flood_is_answered_and_ends(answers):
+def test_flood_of_detections_is_answered(answers):
     rng = np.random.default_rng(1)
     places = rng.uniform([0, 0], [23, 15], (10_000, 2))
     tracks, _, status = answers(array(1, *places), array(2, *places[::-1]), array(3))
     assert len(tracks) == 3
     assert status['in'] == 3
     assert all(len(answer.detections) <= 50 for answer in tracks)
+
+
+def test_warm_up_compiles_everything(rng):
+    tracker = PdaMmpf(rows=16, cols=24, particles=200)
+    warm_up(tracker)
+    before, state = compiled.variants(), tracker.init()
+    for k in range(1, 9):
+        found = [Estimate(np.array([x, 0.0, 6.0, 0.0]), 0.3 * np.eye(4), 0.9)
+                 for x in (4.0 + 0.5 * k, 3.0)]
+        state, _ = tracker.step(state, found, float(k), rng)
+    assert compiled.variants() == before > 0

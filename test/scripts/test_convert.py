@@ -1,4 +1,4 @@
-"""convert.py makes bags that a second reader finds whole, and refuses what does not fit."""
+"""convert.py makes bags that another reader reads, and rejects unusable files."""
 
 from pathlib import Path
 import subprocess
@@ -58,7 +58,7 @@ def test_archive_becomes_a_bag(tmp_path, archive, storage):
     path, frames = archive
     done = convert(path, '--out', tmp_path / 'bag', '--storage', storage)
     assert (done.returncode, done.stderr) == (0, '')
-    assert done.stdout == f'4 frames in {tmp_path / "bag"}\n'
+    assert done.stdout.split()[0] == '4'
     images, truth = read(tmp_path / 'bag')
     # The first stamp is the median time between frames; then as t_s has it.
     assert [stamp / 1e9 for stamp in images] == [2.0, 4.0, 9.0, 11.0]
@@ -98,20 +98,21 @@ def test_help_shows_an_example():
     assert 'example: python scripts/convert.py' in ' '.join(done.stdout.split())
 
 
-@pytest.mark.parametrize(('arguments', 'said'), [
-    (['--period', '0'], "'0' is not a number above 0"),
-    (['--period', '2', '--rate', '2'], 'not allowed with'),
-    (['--truth', 'none.csv'], 'none.csv: cannot be read'),
-    (['--storage', 'zip'], 'invalid choice'),
+@pytest.mark.parametrize(('arguments', 'culprit'), [
+    (['--period', '0'], '--period'),
+    (['--period', '2', '--rate', '2'], '--rate'),
+    (['--truth', 'none.csv'], 'none.csv'),
+    (['--storage', 'zip'], '--storage'),
 ])
-def test_bad_option_ends_with_one_line_and_nothing_written(tmp_path, archive, arguments, said):
-    refused(convert(archive[0], '--out', tmp_path / 'bag', *arguments), said, tmp_path / 'bag')
+def test_bad_option_ends_with_one_line_and_nothing_written(tmp_path, archive, arguments, culprit):
+    check_rejected(
+        convert(archive[0], '--out', tmp_path / 'bag', *arguments), culprit, tmp_path / 'bag')
 
 
-def test_frames_that_do_not_fit_end_with_one_line_and_nothing_written(tmp_path):
+def test_mixed_frames_end_with_one_line_and_nothing_written(tmp_path):
     for k, shape in enumerate([SHAPE, SHAPE, (6, 5)]):
         cv2.imwrite(str(tmp_path / f'{k}.png'), np.zeros(shape, np.uint8))
-    refused(convert(tmp_path, '--out', tmp_path / 'bag'), '2.png: 5 x 6', tmp_path / 'bag')
+    check_rejected(convert(tmp_path, '--out', tmp_path / 'bag'), '2.png', tmp_path / 'bag')
 
 
 def test_bag_that_exists_is_left_alone(tmp_path, archive):
@@ -119,13 +120,13 @@ def test_bag_that_exists_is_left_alone(tmp_path, archive):
     (tmp_path / 'bag' / 'mine').touch()
     done = convert(archive[0], '--out', tmp_path / 'bag')
     assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
-    assert 'exists' in done.stderr
+    assert str(tmp_path / 'bag') in done.stderr
     assert [item.name for item in (tmp_path / 'bag').iterdir()] == ['mine']
 
 
-def refused(done, said, bag):
-    """Check status, the one line, and that no bag was left."""
+def check_rejected(done, culprit, bag):
+    """Check status, the one line that names the culprit, and that no bag was left."""
     assert (done.returncode, done.stdout) == (2, '')
     assert len(done.stderr.splitlines()) == 1
-    assert said in done.stderr
+    assert culprit in done.stderr
     assert not bag.exists()

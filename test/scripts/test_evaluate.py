@@ -8,8 +8,8 @@ import sys
 
 from graph_runs import own_domain
 from graph_runs import start_bringup
-from lowsnr_bringup.bags.definitions import type_definition
 from lowsnr_bringup.bags.reader import Bag
+from lowsnr_bringup.bags.type_definitions import type_definition
 from lowsnr_bringup.bags.writer import BagWriter
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.ros import messages

@@ -1,13 +1,14 @@
-"""The conditioner makes background, uneven noise and cosmic rays into unit white noise."""
+"""The conditioner turns background, uneven noise and cosmic rays into unit white noise."""
 
 from dataclasses import replace
 from pathlib import Path
 
 from lowsnr_common.core.measurement import SensorModel
+from lowsnr_common.core.records import Malformed
 from lowsnr_common.settings.config import flat_values
 from lowsnr_common.settings.config import flatten
 from lowsnr_common.settings.node_settings import TruthSettings
-from lowsnr_detect.calibration.calibration import calibrated
+from lowsnr_detect.calibration.operating_point import calibrated
 from lowsnr_detect.parts.registry import detector_class
 from lowsnr_sensor.conditioning import background
 from lowsnr_sensor.conditioning.conditioner import ConditioningSettings
@@ -21,12 +22,12 @@ PLAIN = ConditioningSettings(binning=1)
 
 
 def conditioned(settings, frames):
-    """Return the answers to a sequence of frames."""
-    memory, answers = settings.init(frames[0].shape), []
+    """Return the cells of a sequence of frames."""
+    state, outputs = settings.init(frames[0].shape), []
     for frame in frames:
-        memory, cells = settings.step(memory, frame)
-        answers.append(cells)
-    return np.array(answers)
+        state, cells = settings.step(state, frame)
+        outputs.append(cells)
+    return np.array(outputs)
 
 
 def test_file_holds_every_setting_with_its_default():
@@ -42,7 +43,7 @@ def test_past_level_has_the_variance_of_a_mean(rng, count):
     assert level.var() == pytest.approx(1.0 / count, rel=0.02 + 4 * (2 / 120_000) ** 0.5)
 
 
-def test_past_level_is_not_moved_by_what_passes_within_a_third_of_the_frames(rng):
+def test_past_level_is_robust_to_an_object_in_a_third_of_the_frames(rng):
     values = rng.standard_normal((31, 40, 40))
     values[5:15] += 20.0
     level = background.past_level(values, background.past_median(values), np.ones((40, 40)))
@@ -72,7 +73,7 @@ def test_steepness_is_the_largest_step_to_a_neighbour():
     np.testing.assert_array_equal(background.steepness(plane), expected)
 
 
-def test_binned_cells_are_sums_of_squares_and_what_fills_none_is_left_out():
+def test_binned_cells_are_sums_over_full_squares():
     plane = np.arange(35.0).reshape(5, 7)
     cells = background.binned(plane, 2)
     assert cells.shape == (2, 3)
@@ -82,7 +83,7 @@ def test_binned_cells_are_sums_of_squares_and_what_fills_none_is_left_out():
 
 
 @pytest.mark.parametrize('binning', [1, 2])
-def test_noise_comes_out_white_and_of_unit_variance(rng, binning):
+def test_conditioned_noise_is_white_and_of_unit_variance(rng, binning):
     settings = ConditioningSettings(binning=binning)
     scene = 100.0 + np.arange(24.0)[:, None] + np.zeros(32)
     unevenness = np.linspace(4.0, 5.0, 32)
@@ -94,29 +95,29 @@ def test_noise_comes_out_white_and_of_unit_variance(rng, binning):
     assert columns.min() > 0.92
     assert columns.max() < 1.08
     assert abs(np.mean(answers)) < 4 * count**-0.5 + 0.01
-    # In place, a frame and the next have nothing in common; 4 sigma of so many products.
+    # Successive frames are uncorrelated: 4 sigma of the mean of so many products.
     assert abs(np.mean(answers[1:] * answers[:-1])) < 4 * count**-0.5 + 0.02
 
 
-def test_frames_are_answered_with_zeros_while_the_background_is_not_known(rng):
+def test_cells_are_zero_until_the_background_is_known(rng):
     answers = conditioned(PLAIN, rng.standard_normal((8, 12, 12)))
     known = answers.any(axis=(1, 2))
     assert known.tolist() == [False] * 5 + [True] * 3
     assert answers.dtype == np.float32
 
 
-def test_answer_depends_on_no_later_frame(rng):
+def test_cells_depend_on_no_later_frame(rng):
     frames = rng.standard_normal((20, 12, 14))
     np.testing.assert_array_equal(conditioned(PLAIN, frames)[:12], conditioned(PLAIN, frames[:12]))
 
 
-def test_sequences_side_by_side_are_those_one_by_one(rng):
+def test_batch_of_sequences_equals_single_sequences(rng):
     frames = rng.standard_normal((12, 3, 10, 14))
     together = conditioned(PLAIN, frames)
     np.testing.assert_allclose(together[:, 1], conditioned(PLAIN, frames[:, 1]), rtol=1e-5)
 
 
-def test_offset_and_gain_of_the_camera_make_no_difference(rng):
+def test_offset_and_gain_of_the_camera_have_no_effect(rng):
     frames = rng.standard_normal((30, 20, 20))
     np.testing.assert_allclose(
         conditioned(PLAIN, 1000.0 + 64.0 * frames), conditioned(PLAIN, frames), atol=2e-2)
@@ -131,11 +132,11 @@ def test_cosmic_ray_is_limited_and_a_passing_object_is_kept(rng):
     cells = conditioned(settings, frames)
     assert cells[40, 5, 5] < 3.5
     along = [cells[k, 10, (k - 20) // 2] for k in range(22, 58, 2)]
-    # Four pixels of 3 sigma make a cell of 6; what is taken off with the surroundings is little.
+    # Four pixels of 3 sigma make a cell of 6, and subtracting the surroundings costs little.
     assert np.mean(along) > 3.5
 
 
-def test_static_edges_do_not_come_through_an_unsteady_camera(rng):
+def test_jitter_of_the_camera_does_not_pass_static_edges(rng):
     scene = np.where(np.arange(40)[:, None] < 20, 20.0, 220.0) * np.ones((40, 60))
     shifts = rng.normal(0.0, 0.1, 80)
     frames = [scene + shift * np.gradient(scene, axis=0) + rng.standard_normal(scene.shape)
@@ -152,23 +153,25 @@ def test_codec_patterns_of_8_bit_video_stay_below_the_noise():
     assert np.isfinite(answers).all()
 
 
-def test_frames_without_any_noise_are_answered_with_numbers():
+def test_frames_without_noise_give_finite_cells():
     frames = np.zeros((12, 16, 16))
     frames[8, 4, 4] = 1.0
     assert np.isfinite(conditioned(PLAIN, frames)).all()
 
 
-def test_frame_of_another_size_is_refused_and_the_memory_kept(rng):
-    memory, _ = PLAIN.step(PLAIN.init((8, 9)), rng.standard_normal((8, 9)))
-    with pytest.raises(ValueError, match='frame of 8 x 9 pixels after frames of 9 x 8'):
-        PLAIN.step(memory, np.zeros((9, 8)))
-    assert len(memory.history) == 1
-    with pytest.raises(ValueError, match='frame of 9 x 1 pixels is too small'):
+def test_frame_of_another_size_is_rejected(rng):
+    state, _ = PLAIN.step(PLAIN.init((8, 9)), rng.standard_normal((8, 9)))
+    with pytest.raises(Malformed) as caught:
+        PLAIN.step(state, np.zeros((9, 8)))
+    assert caught.value.reason == 'change of size'
+    assert len(state.history) == 1
+    with pytest.raises(Malformed) as caught:
         ConditioningSettings().init((1, 9))
+    assert caught.value.reason == 'too small'
 
 
-def test_warm_up_longer_than_the_background_is_refused():
-    with pytest.raises(ValueError, match='warm_up_frames = 9, must be at most'):
+def test_warm_up_longer_than_the_background_is_rejected():
+    with pytest.raises(ValueError, match='warm_up_frames = 9'):
         ConditioningSettings(warm_up_frames=9, background_frames=8)
 
 
@@ -178,11 +181,12 @@ def test_white_noise_keeps_the_calibrated_false_alarm_rate():
     detectors = [detector_class(name)(sensor=SensorModel(snr_db=8.0)) for name in ('sdt', 'cusum')]
     detectors = [
         replace(item, threshold=calibrated(item, 0.01, (20, 20)).threshold) for item in detectors]
-    memory = settings.init((runs, 40, 40))
+    conditioner = settings.init((runs, 40, 40))
     states = [item.init((runs, 20, 20)) for item in detectors]
     alarms = []
     for _ in range(first + 400):
-        memory, cells = settings.step(memory, 500.0 + 7.0 * rng.standard_normal((runs, 40, 40)))
+        frames = 500.0 + 7.0 * rng.standard_normal((runs, 40, 40))
+        conditioner, cells = settings.step(conditioner, frames)
         steps = [item.step(state, cells.astype(float), rng)
                  for item, state in zip(detectors, states)]
         states = [state for state, _ in steps]

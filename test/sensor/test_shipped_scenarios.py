@@ -1,4 +1,4 @@
-"""The scenarios that come with the project obey the text of Section VI."""
+"""The scenarios of config/scenarios agree with the text of Section VI."""
 
 from pathlib import Path
 
@@ -52,7 +52,7 @@ def test_every_scenario_loads_and_stays_in_the_frame(name):
     for item in scenario.objects:
         frames, states = found[item.id]
         assert frames == list(range(item.first_frame, item.last_frame + 1))
-        # Half a cell from the border or more, so that estimates have room on every side.
+        # At least half a cell from the border, so that estimates have room on every side.
         assert np.all((states[:, POS] >= 0.0) & (states[:, POS] <= 19.0)) or item.random
 
 

@@ -1,4 +1,4 @@
-"""Simulated frames: moments of the noise, SNR of the objects, same seed same bytes."""
+"""Simulated frames: moments of the noise, SNR of the objects, equal bytes for equal seeds."""
 
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.core.records import Truth
@@ -29,12 +29,12 @@ def test_noise_is_independent_between_cells_and_frames(rng, grid_shape):
         assert abs(np.mean(shifted * rest)) < 4 / np.sqrt(rest.size)
 
 
-def test_objects_have_their_snr(rng, grid_shape):
+def test_objects_have_the_given_snr(rng, grid_shape):
     sensor = SensorModel(snr_db=6.0, noise_std=0.8)
     frames = simulate_frames(RUNS * [[NEAR, FAINT]], sensor, grid_shape, rng).astype(float)
     expected = np.zeros(grid_shape)
     expected[5, 1], expected[2, 3] = 0.8 * 10 ** (6 / 20), 0.8 * 10 ** (2 / 20)
-    # 35 cells at 4 sigma: a false alarm of the test in 0.2 % of seeds.
+    # 35 cells at 4 sigma: the test fails by chance for 0.2 % of seeds.
     assert np.all(abs(frames.mean(axis=0) - expected) < 4 * 0.8 / np.sqrt(RUNS))
 
 
@@ -60,7 +60,7 @@ def test_same_seed_gives_the_same_bytes(grid_shape):
     assert run(5).tobytes() != run(6).tobytes()
 
 
-def test_run_is_its_frames_one_by_one(grid_shape):
+def test_run_equals_frames_simulated_one_by_one(grid_shape):
     truth, sensor = [[NEAR], [], [FAINT]], SensorModel(blur_m=0.5)
     run = simulate_frames(truth, sensor, grid_shape, np.random.default_rng(9))
     rng = np.random.default_rng(9)

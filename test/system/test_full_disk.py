@@ -1,4 +1,4 @@
-"""A full disk, and folders removed under a run: the run goes on, and no score is lost."""
+"""A full disk, and folders that are removed in a run: the run goes on, and no score is lost."""
 
 from functools import partial
 import os
@@ -9,8 +9,11 @@ import time
 
 from conftest import fill
 from diagnostic_msgs.msg import DiagnosticStatus
+from lowsnr_bringup.bags.bag_files import METADATA_FILE
 from lowsnr_bringup.bags.reader import Bag
-from lowsnr_bringup.bags.writer import METADATA_FILE
+from lowsnr_bringup.bags.recording import summarize_recording
+from lowsnr_bringup.recorder_node import FAILED
+from lowsnr_bringup.recorder_node import REMOVED
 import pytest
 
 RUN = ('--detector', 'cdt', '--loop', '--lockstep')
@@ -41,7 +44,7 @@ def wait_for(text, path, within_s=30.0):
 
 
 def wait_for_bag(run, folder):
-    """Wait until frames, and what the bag is, stand on the disk, whatever comes."""
+    """Wait until metadata and frames of a bag are on the disk."""
     while not (folder / METADATA_FILE).exists() or sum(
             path.stat().st_size for path in folder.glob('*.mcap')) < 400_000:
         run.wait_for_rows(len(run.rows()) + 2)
@@ -116,13 +119,12 @@ def test_recorder_on_a_full_disk_does_not_end_the_run(bringup, small_disk):
     run = bringup(*RUN, '--record', str(small_disk / 'bag'))
     wait_for_bag(run, small_disk / 'bag')
     fill(small_disk / 'ballast')
-    log = run.results / 'log' / 'recorder.log'
-    wait_for('recording failed after', log)
+    wait_for(f'{small_disk / "bag"}: ', run.results / 'log' / 'recorder.log')
     run.wait_for_rows(len(run.rows()) + 400)
-    code, out, err = stop(run)
+    code, _, err = stop(run)
     assert code == 130
-    assert 'recorder ended with status 1' in err
-    assert 'is good up to' in out
+    assert f'recorder ended with status {FAILED}' in err
+    assert not summarize_recording(small_disk / 'bag').finished
     with Bag(small_disk / 'bag') as bag:
         assert sum(1 for _ in bag.messages({'/image_raw'})) > 20
     run.wait_until_none_is_left()
@@ -152,10 +154,10 @@ def test_bag_that_is_removed_is_followed_by_another(bringup, tmp_path):
     shutil.rmtree(tmp_path / 'bag')
     run.wait_for_restarts(1)
     run.wait_for_rows(len(run.rows()) + 200)
-    code, out, _ = stop(run)
+    code, _, err = stop(run)
     assert code == 130
-    assert f'nothing was recorded in {tmp_path / "bag"}' in out
-    assert f' in {tmp_path / "bag-2"}, ' in out
-    assert 'the bag was removed' in (run.results / 'log' / 'recorder.log').read_text()
+    assert f'recorder ended with status {REMOVED}' in err
+    assert not summarize_recording(tmp_path / 'bag').exists
+    assert summarize_recording(tmp_path / 'bag-2').finished
     with Bag(tmp_path / 'bag-2') as bag:
         assert sum(1 for _ in bag.messages({'/image_raw'})) > 50

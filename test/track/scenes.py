@@ -13,7 +13,7 @@ def detection(x, y, score=0.9, variance=VARIANCE):
 
 
 def follow(tracker, frames, rng, first=1):
-    """Return the outputs of successive frames of detections, a second apart."""
+    """Return the outputs for successive frames of detections, one second apart."""
     state, outputs = tracker.init(), []
     for k, detections in enumerate(frames, start=first):
         state, output = tracker.step(state, detections, float(k), rng)

@@ -1,4 +1,4 @@
-"""The tracker's parameter file says what the code has."""
+"""config/tracker.yaml holds the defaults of the code."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What detections are worth: scores, echoes, and the density of false ones."""
+"""The model of the detector: likelihood ratio of scores, secondary detections, clutter."""
 
 from dataclasses import replace
 
@@ -32,19 +32,20 @@ def test_score_ratio_is_in_proportion_to_the_odds_within_its_limits(score):
     assert found[0] / found[1] == pytest.approx(odds)
 
 
-def test_scores_that_are_not_used_say_nothing():
+def test_unused_scores_have_ratio_one_and_no_secondary_density():
     model = DetectionModel(use_scores=False)
     assert model.score_ratio(np.array([0.1, 1.0])).tolist() == [1.0, 1.0]
-    assert model.echoes(at([[0, 0], [1, 0]], [0.9, 0.6]), 5.0).tolist() == [0.0, 0.0]
+    assert model.secondary(at([[0, 0], [1, 0]], [0.9, 0.6]), 5.0).tolist() == [0.0, 0.0]
 
 
-def test_only_the_weaker_of_near_detections_may_be_an_echo():
+def test_only_the_weaker_of_near_detections_may_be_secondary():
     measured = at([[5, 5], [7, 4], [9, 5], [8, 9]], [0.9, 0.6, 0.7, 0.5])
     # Of the first within two cells: the second; of the third, too. The last stands alone.
-    assert DetectionModel(echo_density=0.1).echoes(measured, 2.0).tolist() == [0.0, 0.1, 0.0, 0.0]
+    model = DetectionModel(secondary_density=0.1)
+    assert model.secondary(measured, 2.0).tolist() == [0.0, 0.1, 0.0, 0.0]
 
 
-def test_estimated_density_of_false_detections_approaches_the_true_one():
+def test_estimated_clutter_density_approaches_the_true_one():
     tracker = PdaMmpf(
         rows=16, cols=24, particles=50,
         detection=DetectionModel(use_scores=False, clutter_memory_frames=400))
@@ -55,20 +56,38 @@ def test_estimated_density_of_false_detections_approaches_the_true_one():
     state = tracker.init()
     for k, detections in enumerate(found, start=1):
         state, _ = tracker.step(state, detections, float(k), rng)
-    # A mean that forgets after 400 frames has the variance of one over 800. A few detections
-    # are taken for objects now and then.
+    # An exponential mean over 400 frames has the variance of a mean over 800. A few detections
+    # start a track, and count for less.
     error = 4 * np.sqrt(rate / 800)
-    assert rate - error - 0.1 * rate < state.clutter * 16 * 24 < rate + error
+    assert rate - error - 0.1 * rate < state.clutter_density * 16 * 24 < rate + error
 
 
-def test_given_density_of_false_detections_stays(rng):
+@pytest.mark.parametrize('frames', [0, 1, 7])
+def test_first_estimates_are_posterior_means_of_a_poisson_rate(frames):
+    """The prior is a gamma distribution of shape 4 x 0.02 x 100 and rate 4 frames."""
+    model, cells, density = DetectionModel(clutter_prior_frames=4), 100, 0.02
+    for k in range(frames + 1):
+        density = model.estimated_clutter(density, k, cells, k)
+    shape = 4 * 0.02 * cells + sum(range(frames + 1))
+    assert density * cells == pytest.approx(shape / (4 + frames + 1))
+
+
+def test_estimated_clutter_density_never_reaches_zero():
+    density = 0.01
+    for k in range(2000):
+        density = DetectionModel().estimated_clutter(density, 0.0, 100, k)
+    # Jeffreys' prior for a Poisson rate: (0 + 1/2) / 100 frames.
+    assert density * 100 == pytest.approx(0.5 / 100)
+
+
+def test_given_clutter_density_stays_without_estimation(rng):
     tracker = PdaMmpf(
         rows=16, cols=24, particles=50, detection=DetectionModel(clutter_memory_frames=0))
     state, _ = tracker.step(tracker.init(), [detection(3, 3), detection(9, 9)], 1.0, rng)
-    assert state.clutter == tracker.detection.clutter_density
+    assert state.clutter_density == tracker.detection.clutter_density
 
 
-def test_clutter_that_is_expected_delays_confirmation(rng):
+def test_higher_clutter_density_delays_confirmation(rng):
     frames = [[detection(8, 8, variance=0.1)]] * 30
     first = []
     for density in (1e-4, 2e-3):

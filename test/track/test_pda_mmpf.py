@@ -1,15 +1,13 @@
-"""The tracker as a whole: existence against closed forms, life of tracks, bad input."""
+"""The whole tracker: existence against closed forms, and the life of tracks."""
 
 from dataclasses import replace
 
-from lowsnr_common.core import compiled
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.core.motion import MotionModes
 from lowsnr_track import measurements
 from lowsnr_track.detection_model import DetectionModel
 from lowsnr_track.pda_mmpf import PdaMmpf
 from lowsnr_track.track_management import TrackLife
-from lowsnr_track.warm_up import warm_up
 import numpy as np
 import pytest
 from track import oracles
@@ -94,7 +92,7 @@ def motion_noise(motion):
     return np.kron(np.eye(2), step)
 
 
-def test_shared_frames_temper_what_detections_say_of_existence(tracker):
+def test_detections_that_share_frames_raise_existence_less(tracker):
     gains = {}
     for frames in (1, 4):
         settings = replace(
@@ -122,7 +120,7 @@ def test_two_crossing_objects_keep_their_ids(rng):
 
 
 def test_two_tracks_on_one_object_become_one(tracker, rng):
-    """A second detection in every early frame starts a second track; then it is gone."""
+    """A second detection in every early frame starts a second track."""
     path = straight(16)
     frames = [[detection(*p), detection(*(p + [0.3, 1.0]))] for p in path[:6]]
     frames += [[detection(*p)] for p in path[6:]]
@@ -131,7 +129,7 @@ def test_two_tracks_on_one_object_become_one(tracker, rng):
     assert outputs[-1].confirmed[0].id in {item.id for item in outputs[5].confirmed}
 
 
-def test_track_that_leaves_the_frame_ends(tracker, rng):
+def test_track_that_leaves_the_frame_is_deleted(tracker, rng):
     path = straight(20, (16.0, 8.0), (0.9, 0.0))
     frames = [[detection(*p)] if p[0] < 23.5 else [] for p in path]
     outputs = follow(tracker, frames, rng)
@@ -173,18 +171,10 @@ def test_axes_are_not_swapped():
     tracker = PdaMmpf(sensor=sensor, rows=5, cols=7)
     rng = np.random.default_rng(1)
     _, output = tracker.step(tracker.init(), [detection(12.5, 0), detection(0, 12.5)], 1.0, rng)
-    assert output.refused == {measurements.OUTSIDE: 1}
+    assert output.rejected == {measurements.OUTSIDE: 1}
     assert everything(output)[0].state[0] == pytest.approx(12.5, abs=0.2)
 
 
-def test_thresholds_in_the_wrong_order_are_refused():
-    with pytest.raises(ValueError, match='release'):
+def test_thresholds_in_the_wrong_order_are_rejected():
+    with pytest.raises(ValueError, match='release_'):
         TrackLife(confirm_probability=0.2)
-
-
-def test_nothing_is_compiled_after_the_warm_up(tracker, rng):
-    warm_up(tracker)
-    before = compiled.variants()
-    path = straight(8)
-    follow(replace(tracker, particles=200), [[detection(*p), detection(3, 2)] for p in path], rng)
-    assert compiled.variants() == before > 0

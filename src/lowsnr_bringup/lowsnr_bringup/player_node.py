@@ -1,4 +1,4 @@
-"""The player node: publishes the frames and the truth of a bag in the sensor's place."""
+"""The player node: publishes the frames and the truth of a bag, in place of the sensor."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 from lowsnr_bringup.bags.reader import Bag
-from lowsnr_bringup.bags.replaying import played_frames
-from lowsnr_bringup.bags.replaying import PlayedFrame
-from lowsnr_bringup.bags.settings import PlayerSettings
-from lowsnr_common.core.malformed import Malformed
+from lowsnr_bringup.bags.replay import played_frames
+from lowsnr_bringup.bags.replay import PlayedFrame
+from lowsnr_bringup.bags.replay import PlayerSettings
+from lowsnr_common.core.records import Malformed
 from lowsnr_common.ros import messages
 from lowsnr_common.ros.connections import wait_for_readers
 from lowsnr_common.ros.lockstep import Lockstep
@@ -36,9 +36,9 @@ class PlayerNode(ManagedNode):
     """
     Publish ``image_raw``, ``ground_truth``, ``ground_truth/odometry`` and ``/clock``.
 
-    The messages go out as the bytes that were recorded.  Frames follow the wall clock at
-    ``rate_hz`` or as they were recorded, or, in lockstep, the evaluator's word that the frame
-    before is scored.  After the last frame the node shuts its process down.
+    The node publishes the bytes that were recorded.  It publishes a frame by the wall clock, at
+    ``rate_hz`` or at the recorded times, or, in lockstep, when the evaluator has scored the frame
+    before it.  After the last frame the node ends its process.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -70,7 +70,7 @@ class PlayerNode(ManagedNode):
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Start the frames as soon as the readers are there."""
+        """Wait for the subscribers, and publish the first frame."""
         result = super().on_activate(state)
         self._start_s, self._played = time.monotonic(), 0
         self._first_stamp = self._next.stamp_ns if self._next else 0
@@ -83,7 +83,7 @@ class PlayerNode(ManagedNode):
         return super().on_deactivate(state)
 
     def _after(self, frames: Iterator[PlayedFrame]) -> Iterator[PlayedFrame]:
-        """Yield the frames that an earlier life of this node has not played."""
+        """Yield the frames that this node did not publish before it was restarted."""
         for frame in frames:
             if frame.stamp_ns > self.playing.resume_after_ns:
                 yield frame
@@ -96,7 +96,7 @@ class PlayerNode(ManagedNode):
         if frame is None or self._left == -1:
             self._finish()
             return
-        # A frame of which no truth is known is not scored, so it is not waited for.
+        # The evaluator does not score a frame without truth where there is truth for others.
         scored = frame.truth is not None or not self.playing.truth_topic
         waits = self.playing.lockstep and scored
         if waits:
@@ -128,7 +128,7 @@ class PlayerNode(ManagedNode):
         self._image.publish(frame.image)
 
     def _odometry_of(self, data: bytes) -> list[Odometry]:
-        """Return odometry, without velocity, for a truth that came without."""
+        """Return odometry, without velocity, for truth that was recorded without odometry."""
         array = deserialize_message(data, Detection2DArray)
         try:
             entries = messages.array_to_estimates(array, self.playing.cell_size_m)
@@ -138,7 +138,7 @@ class PlayerNode(ManagedNode):
         return [messages.estimate_to_odometry(item, array.header) for item in entries if item.id]
 
     def _finish(self) -> None:
-        """End the process once every reader has acknowledged every message."""
+        """End the process once every subscriber has acknowledged every message."""
         wait_for_readers(self.outputs)
         for note in self._bag.notes:
             self.get_logger().warning(note)
@@ -147,7 +147,7 @@ class PlayerNode(ManagedNode):
 
 
 def main(args: list[str] | None = None) -> None:
-    """Entry point of ``ros2 run lowsnr_eval player_node``."""
+    """Entry point of ``ros2 run lowsnr_bringup player_node``."""
     run(PlayerNode, args)
 
 

@@ -1,13 +1,13 @@
-"""The conditioner node: frames of a real camera made into what detectors expect."""
+"""The conditioner node: it turns the frames of a real camera into those detectors expect."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from lowsnr_common.core.malformed import Malformed
 from lowsnr_common.core.motion import POS
 from lowsnr_common.core.motion import VEL
 from lowsnr_common.core.records import Estimate
+from lowsnr_common.core.records import Malformed
 from lowsnr_common.ros import messages
 from lowsnr_common.ros.images import image_to_array
 from lowsnr_common.ros.managed_node import ManagedNode
@@ -26,15 +26,16 @@ from rclpy.lifecycle import TransitionCallbackReturn
 from sensor_msgs.msg import Image
 from vision_msgs.msg import Detection2DArray
 
-# A camera says the size of its frames only with the first: so many are kept as of this size.
-_LARGE = (1024, 1024)
+# Before the first frame the size is unknown: the queues are as deep as for frames of this size.
+_ASSUMED_SHAPE = (1024, 1024)
 
 
 class ConditionerNode(ManagedNode):
     """
-    Answer each frame on ``image_raw`` with one on ``conditioned/image_raw``, truth likewise.
+    Publish each frame on ``image_raw`` conditioned on ``conditioned/image_raw``.
 
-    Everything downstream then lives in the pixels of the conditioned frames.
+    It also publishes the truth in the coordinates of the conditioned frames, which all nodes
+    downstream use.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -45,8 +46,8 @@ class ConditionerNode(ManagedNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Create publishers and subscriptions."""
         depth = self.settings.queue_depth
-        frames = frame_depth(depth, *_LARGE)
-        self._memory: ConditionerState | None = None
+        frames = frame_depth(depth, *_ASSUMED_SHAPE)
+        self._conditioner_state: ConditionerState | None = None
         self._image = self.create_publisher(Image, 'conditioned/image_raw', reliable(frames))
         self.outputs = {self._image: self.settings.consumers}
         if self.truth.truth:
@@ -68,15 +69,16 @@ class ConditionerNode(ManagedNode):
         self.counts['in'] += 1
         try:
             frame = image_to_array(image)
-            memory = self._memory or self.conditioning.init(frame.shape)
-            self._memory, cells = self.conditioning.step(memory, frame)
+            before = self._conditioner_state or self.conditioning.init(frame.shape)
+            self._conditioner_state, cells = self.conditioning.step(before, frame)
         except Malformed as error:
             reason = f'image_raw {error.reason}'
-            if self._memory is None:
-                self.refuse(f'image_raw: {error}; frame refused, not answered', reason)
+            if self._conditioner_state is None:
+                self.refuse(f'image_raw: {error}; frame rejected', reason)
                 return
-            self.refuse(f'image_raw: {error}; frame refused, answered with zeros', reason)
-            cells = np.zeros(self.conditioning.size(self._memory.history.shape[-2:]))
+            self.refuse(f'image_raw: {error}; frame rejected, published as zeros', reason)
+            cells = np.zeros(
+                self.conditioning.size(self._conditioner_state.history.shape[-2:]))
         self._image.publish(messages.frame_to_image(cells, image.header))
         self.counts['out'] += 1
 
@@ -91,7 +93,7 @@ class ConditionerNode(ManagedNode):
         self._odometry.publish(messages.estimate_to_odometry(item, message.header))
 
     def _in_cells(self, item: Estimate) -> Estimate:
-        """Return an object where it is in the conditioned frame, whose cells are as large."""
+        """Return an object in the coordinates of the conditioned frame."""
         size, side = self.truth.sensor.cell_size_m, self.conditioning.binning
         state = item.state.copy()
         state[POS] = size * self.conditioning.cells(state[POS] / size)

@@ -1,9 +1,9 @@
 """
-Scenarios: which objects exist when, and how they move.
+Scenarios: which objects exist in which frames, and how they move.
 
-A scenario is a YAML file (the commented ones in ``config/scenarios`` are the manual).
-Frames are numbered from 1, as in the paper.  An object is described in one of three ways:
-by the legs of a manoeuvre, by waypoints, or as a random draw from motion modes.
+A scenario is a YAML file; the commented files in ``config/scenarios`` are the manual.  Frames are
+numbered from 1, as in the paper.  A file describes an object in one of three ways: by the legs of
+a manoeuvre, by waypoints, or by motion modes from which its trajectory is drawn.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from lowsnr_common.settings.config import check_values
 from lowsnr_common.settings.config import setting
 from lowsnr_common.settings.text import one_line
 from lowsnr_common.settings.text import read_yaml
-from lowsnr_sensor.paths import Leg
-from lowsnr_sensor.paths import MOST_FRAMES
-from lowsnr_sensor.paths import path_along_legs
-from lowsnr_sensor.paths import path_at_random
-from lowsnr_sensor.paths import path_through_waypoints
-from lowsnr_sensor.paths import Start
-from lowsnr_sensor.paths import Waypoint
+from lowsnr_sensor.trajectories import Leg
+from lowsnr_sensor.trajectories import MAX_FRAMES
+from lowsnr_sensor.trajectories import random_trajectory
+from lowsnr_sensor.trajectories import Start
+from lowsnr_sensor.trajectories import trajectory_along_legs
+from lowsnr_sensor.trajectories import trajectory_through_waypoints
+from lowsnr_sensor.trajectories import Waypoint
 import numpy as np
 
 T = TypeVar('T')
@@ -36,14 +36,14 @@ T = TypeVar('T')
 
 @dataclass(frozen=True, kw_only=True)
 class ScenarioObject:
-    """One object: when it is there, how bright it is, how it moves."""
+    """One object: the frames in which it is present, its SNR and its motion."""
 
     id: str = setting('object', 'name of the object, its id in ground_truth')  # noqa: A003
-    first_frame: int = setting(1, 'frame in which it appears', ge=1, le=MOST_FRAMES)
+    first_frame: int = setting(1, 'frame in which it appears', ge=1, le=MAX_FRAMES)
     last_frame: int = setting(
-        1, 'last frame in which it is present', ge=1, le=MOST_FRAMES)
+        1, 'last frame in which it is present', ge=1, le=MAX_FRAMES)
     snr_offset_db: float = setting(
-        0.0, "its SNR less the scenario's [dB]", ge=-60.0, le=60.0)
+        0.0, 'its SNR less that of the scenario [dB]', ge=-60.0, le=60.0)
     start: Start | None = None
     legs: tuple[Leg, ...] = ()
     waypoints: tuple[Waypoint, ...] = ()
@@ -53,48 +53,49 @@ class ScenarioObject:
         check_settings(self)
         if not self.id:
             raise ValueError('id is empty, must be a name')
-        if not self.id.isprintable():  # and could not be sent as it is
-            raise ValueError(f'id = {self.id!r}, must be of printable characters')
+        if not self.id.isprintable():  # a message could not carry it unchanged
+            raise ValueError(f'id = {self.id!r}, must consist of printable characters')
         if self.last_frame < self.first_frame:
             raise ValueError(f'last_frame = {self.last_frame}, must be at least first_frame')
         if sum(map(bool, (self.legs, self.waypoints, self.random))) != 1:
-            raise ValueError('an object has one of legs, waypoints and random')
+            raise ValueError('an object must have one of legs, waypoints and random')
         if bool(self.legs) != bool(self.start):
-            raise ValueError('start and legs go together')
+            raise ValueError('start and legs must be given together')
         ends = [leg.until_frame for leg in self.legs] or [p.frame for p in self.waypoints]
         if ends != sorted(set(ends)) or (ends and ends[0] < self.first_frame):
-            raise ValueError('the frames of legs or waypoints must increase from first_frame on')
+            raise ValueError('frames of legs or waypoints must increase, from first_frame on')
         if ends and ends[-1] != self.last_frame:
-            raise ValueError(f'the last leg or waypoint must end at last_frame {self.last_frame}')
+            raise ValueError(f'legs or waypoints must end at last_frame = {self.last_frame}')
         if self.waypoints and (len(ends) < 2 or ends[0] != self.first_frame):
-            raise ValueError('waypoints are two or more, the first at first_frame')
+            raise ValueError('waypoints must be two or more, the first at first_frame')
 
-    def path(self, scenario: Scenario, period_s: float, cell_size_m: float,
-             rng: np.random.Generator) -> np.ndarray:
+    def trajectory(
+        self, scenario: Scenario, period_s: float, cell_size_m: float, rng: np.random.Generator,
+    ) -> np.ndarray:
         """Return its states from first_frame to last_frame, (frames, 4) [m, m/s]."""
         count = self.last_frame - self.first_frame + 1
         if self.random is not None:
             extent = (scenario.cols * cell_size_m, scenario.rows * cell_size_m)
-            return path_at_random(self.random, count, extent, cell_size_m, period_s, rng)
+            return random_trajectory(self.random, count, extent, cell_size_m, period_s, rng)
         if self.waypoints:
-            return path_through_waypoints(self.waypoints, period_s)
+            return trajectory_through_waypoints(self.waypoints, period_s)
         assert self.start is not None
-        return path_along_legs(
+        return trajectory_along_legs(
             self.start, self.legs, self.first_frame, period_s,
             scenario.acceleration_density, rng)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scenario:
-    """Frame size, length, SNR and the objects."""
+    """Size and number of the frames, SNR, and the objects."""
 
-    description: str = setting('', 'what the scenario shows')
-    frames: int = setting(40, 'number of frames K', ge=1, le=MOST_FRAMES)
+    description: str = setting('', 'purpose of the scenario')
+    frames: int = setting(40, 'number of frames K', ge=1, le=MAX_FRAMES)
     rows: int = setting(20, 'rows of a frame', ge=1, le=16384)
     cols: int = setting(20, 'columns of a frame', ge=1, le=16384)
     snr_db: float = setting(6.0, 'SNR of the objects [dB]', ge=-30.0, le=80.0)
     snrs_db: tuple[float, ...] = setting(
-        (), 'SNRs studied by Monte Carlo [dB]', ge=-30.0, le=80.0)
+        (), 'SNRs of Monte Carlo studies [dB]', ge=-30.0, le=80.0)
     acceleration_density: float = setting(
         0.0, 'process noise v_k of eq. (1) on legs, spectral density [m^2/s^3]', ge=0.0)
     objects: tuple[ScenarioObject, ...] = ()
@@ -108,7 +109,7 @@ class Scenario:
                     f'frames = {self.frames}')
         names = [item.id for item in self.objects]
         if len(set(names)) != len(names):
-            raise ValueError(f'objects {names} must have different ids')
+            raise ValueError(f'objects: ids {names} must differ')
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -119,7 +120,7 @@ class Scenario:
         self, period_s: float, cell_size_m: float, rng: np.random.Generator,
     ) -> list[list[Truth]]:
         """
-        Draw where every object is in every frame.
+        Draw the state of every object in every frame.
 
         Parameters
         ----------
@@ -139,8 +140,8 @@ class Scenario:
         present: list[list[Truth]] = [[] for _ in range(self.frames)]
         limit = np.array([self.cols, self.rows]) * cell_size_m
         for item in self.objects:
-            path = item.path(self, period_s, cell_size_m, rng)
-            for k, state in enumerate(path, start=item.first_frame):
+            states = item.trajectory(self, period_s, cell_size_m, rng)
+            for k, state in enumerate(states, start=item.first_frame):
                 corner = state[[0, 2]] + cell_size_m / 2
                 if k <= self.frames and np.all(corner >= 0) and np.all(corner < limit):
                     present[k - 1].append(Truth(item.id, state, item.snr_offset_db))
@@ -149,13 +150,13 @@ class Scenario:
 
 def load_scenario(path: Path, period_s: float = 1.0, cell_size_m: float = 1.0) -> Scenario:
     """
-    Read a scenario file and check it whole.
+    Read a scenario file and check all of it.
 
     Raises
     ------
     ValueError
-        One line that names the file, the key and what is allowed; also where a
-        trajectory without process noise leaves the frame.
+        One line that names the file, the key and the allowed values; also for a trajectory
+        without process noise that leaves the frame.
 
     """
     tree = read_yaml(path)
@@ -174,9 +175,9 @@ _PARTS: dict[str, type] = {
 
 
 def _parse(cls: type[T], tree: Any, where: str) -> T:
-    """Build a settings class, with its nested parts, from what YAML holds."""
+    """Build a settings class and its nested parts from a YAML tree."""
     if not isinstance(tree, Mapping):
-        raise ValueError(f'{where or "the file"} must be a mapping of keys to values')
+        raise ValueError(f'{where or "the file"} must map keys to values')
     parts = {item.name for item in fields(cls) if item.name in _PARTS}  # type: ignore[arg-type]
     values: dict[str, Any] = {}
     for key in parts & set(tree):
@@ -198,11 +199,11 @@ def _parse(cls: type[T], tree: Any, where: str) -> T:
 def _check_inside(scenario: Scenario, period_s: float, cell_size_m: float) -> None:
     limit = np.array([scenario.cols, scenario.rows]) - 0.5
     for item in scenario.objects:
-        path = item.path(scenario, period_s, cell_size_m, np.random.default_rng(0))
+        states = item.trajectory(scenario, period_s, cell_size_m, np.random.default_rng(0))
         if scenario.acceleration_density > 0.0:
             continue
-        pixel = path[:, [0, 2]] / cell_size_m
-        outside = ~np.all((pixel >= -0.5) & (pixel < limit), axis=1)  # also where not a number
+        pixel = states[:, [0, 2]] / cell_size_m
+        outside = ~np.all((pixel >= -0.5) & (pixel < limit), axis=1)  # true for NaN
         if outside.any():
             k = int(outside.argmax())
             x, y = pixel[k]

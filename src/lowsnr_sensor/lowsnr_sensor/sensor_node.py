@@ -1,4 +1,4 @@
-"""The sensor node: publishes frames and truth of a scenario."""
+"""The sensor node: it publishes the frames and the truth of a scenario."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ class SensorNode(ManagedNode):
     """
     Publish ``image_raw``, ``ground_truth``, ``ground_truth/odometry`` and ``/clock``.
 
-    Frame k carries the stamp k T.  Frames follow the wall clock at ``rate_hz``, or, in
-    lockstep, the evaluator's word that the frame before is scored.  After the last frame
-    the node shuts its process down.
+    Frame k carries the stamp k T.  The node publishes frames at ``rate_hz`` of the wall clock; in
+    lockstep it publishes the next frame when the evaluator has scored the one before.  After the
+    last frame it ends its process.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -51,7 +51,7 @@ class SensorNode(ManagedNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Draw the truth and create the publishers."""
         depth, model = self.settings.queue_depth, self.simulation.sensor
-        # Note: a node that was started again goes on with other noise than it would have had.
+        # Note: the noise of a restarted node differs from that of an uninterrupted run.
         self._noise = stream(self.settings.seed, 'noise', self.settings.lives)
         self._truth = self.scenario.truth(
             model.frame_period_s, model.cell_size_m, stream(self.settings.seed, 'truth'))
@@ -74,13 +74,13 @@ class SensorNode(ManagedNode):
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Start the frames as soon as the readers are there."""
+        """Start publishing once all subscribers are present."""
         result = super().on_activate(state)
         self._timer = self.create_timer(1.0 / self.simulation.rate_hz, self._on_timer)
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop the frames."""
+        """Stop publishing."""
         self.destroy_timer(self._timer)
         return super().on_deactivate(state)
 
@@ -90,7 +90,7 @@ class SensorNode(ManagedNode):
         self._publish_next()
 
     def _prepare(self) -> None:
-        """Make the next frame while the graph works on the last."""
+        """Simulate the next frame while the graph processes the last one."""
         k = next(self._frames, None)
         self._next: tuple[int, list[Truth], np.ndarray] | None = None
         if k is not None:
@@ -119,7 +119,7 @@ class SensorNode(ManagedNode):
         self._prepare()
 
     def _finish(self) -> None:
-        """End the process once every reader has acknowledged every message."""
+        """End the process once every subscriber has acknowledged every message."""
         wait_for_readers(self.outputs)
         self.finish()
 

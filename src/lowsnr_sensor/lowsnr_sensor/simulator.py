@@ -1,4 +1,4 @@
-"""The simulated sensor: truth and noise make frames, eqs. (2) and (3)."""
+"""The simulated sensor: frames of objects and noise, eqs. (2) and (3)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def simulate_frame(
     Parameters
     ----------
     objects
-        Objects present; an object's own SNR is the sensor's plus its offset.
+        Objects present; the SNR of each is that of the sensor plus its offset.
     sensor
         Noise, blur and intensity.
     shape
@@ -30,7 +30,7 @@ def simulate_frame(
     Returns
     -------
     (rows, cols) ndarray of float32
-        Cell intensities, as they go over the wire.
+        Cell intensities, in the type of the published image.
 
     """
     frame = sensor.noise_std * rng.standard_normal(shape)
@@ -44,5 +44,5 @@ def simulate_frames(
     truth: Sequence[Sequence[Truth]], sensor: SensorModel, shape: tuple[int, int],
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Return the (K, rows, cols) float32 frames of a whole run, as they come one by one."""
+    """Return the (K, rows, cols) float32 frames of a run, equal to those made one by one."""
     return np.stack([simulate_frame(objects, sensor, shape, rng) for objects in truth])

@@ -1,4 +1,4 @@
-"""What the tracker takes the detector to do: miss, invent and repeat, and how scores count."""
+"""The tracker's model of the detector: missed detections, false detections and scores."""
 
 from __future__ import annotations
 
@@ -9,34 +9,40 @@ from lowsnr_common.settings.config import setting
 from lowsnr_track.measurements import Measurements
 import numpy as np
 
-# How many frames the clutter density given counts as, where it is estimated.
-_PRIOR_FRAMES = 5
-# Detections, best first, that others may be echoes of.
-_MOST_SOURCES = 256
-# The least number of false detections a frame that an estimate comes to.
-_LEAST_CLUTTER = 0.005
+# The best detections, near which others may be secondary: m x 256 comparisons instead of m x m,
+# so that time and memory grow in proportion to the detections m (40 MB for 10,000).
+_MAX_PRIMARY = 256
+# The least estimate of false detections a frame.  An estimate of zero would make any detection an
+# object; this is the posterior mean of a Poisson rate after 100 frames without a false detection
+# (Jeffreys' prior: 0.5 / 100).  A mean that forgets over 50 frames, the default, rests on 100.
+_MIN_FALSE_PER_FRAME = 0.005
 
 
 @dataclass(frozen=True, kw_only=True)
 class DetectionModel:
-    """Probabilities of detection and of false detections."""
+    """Detection probability P_D, gate probability P_G and the densities of false detections."""
 
     probability: float = setting(
-        0.8, 'probability that an object is detected in a frame', gt=0.0, lt=1.0, live=True)
+        0.8, 'detection probability P_D of an object in a frame', gt=0.0, lt=1.0, live=True)
     gate_probability: float = setting(
-        0.999, "probability that an object's detection falls into its track's gate",
+        0.999, "gate probability P_G, that an object's detection lies in its track's gate",
         gt=0.0, lt=1.0, live=True)
     max_gated: int = setting(
-        32, 'most detections weighed for a track, nearest first', ge=1, le=1000)
+        32, 'most detections associated with a track in a frame, nearest first', ge=1, le=1000)
     clutter_density: float = setting(
-        2.5e-4, 'false detections a cell and frame', gt=0.0, le=1.0, live=True)
+        2.5e-4, 'clutter density lambda: false detections a cell and frame', gt=0.0, le=1.0,
+        live=True)
     clutter_memory_frames: int = setting(
-        50, 'frames over which the clutter density is estimated from detections that no track '
-        'explains; 0 takes it as given', ge=0, le=1_000_000)
-    echo_density: float = setting(
-        0.01, 'further false detections a cell and frame next to a better one, within as many '
-        'cells as a detection rests on frames', ge=0.0, le=1.0, live=True)
-    use_scores: bool = setting(True, 'whether a better score makes a detection count more')
+        50, 'frames over which the clutter density is estimated from detections that belong to '
+        'no object; 0 keeps the given density', ge=0, le=1_000_000)
+    clutter_prior_frames: int = setting(
+        5, 'frames that the given clutter density counts as in its estimate', ge=0, le=1_000_000)
+    secondary_density: float = setting(
+        0.01, 'density of secondary detections, false ones that an object causes around itself, '
+        'a cell and frame: near a detection with a better score, within as many cells as a '
+        'detection rests on frames', ge=0.0, le=1.0, live=True)
+    use_scores: bool = setting(
+        True, 'whether a detection counts more the better its score is')
     score_limit: float = setting(
         10.0, 'log odds above which a score counts no more [nat]', gt=0.0, le=36.0)
 
@@ -45,25 +51,27 @@ class DetectionModel:
 
     @property
     def in_gate_probability(self) -> float:
-        """Probability that an object is detected, and in its gate."""
+        """P_D P_G, the probability that an object is detected inside its gate."""
         return self.probability * self.gate_probability
 
     @property
     def gate_bound(self) -> float:
-        """Largest squared error of a detection in the gate, chi-square of two dimensions."""
-        return -2.0 * np.log1p(-self.gate_probability)
+        """Squared error [variances] of a detection that P_G allows for, chi-square of two."""
+        return float(-2.0 * np.log1p(-self.gate_probability))
 
     def score_ratio(self, score: np.ndarray) -> np.ndarray:
         """
-        Return how much likelier each score is of an object than of noise.
+        Return the likelihood ratio of each score, "of an object" against "of noise".
 
-        The log ratio of noise falls off exponentially above a threshold, one nat a nat, so
-        that the ratio is in proportion to the odds of the score; over noise its mean is one.
+        Above a detector's threshold the log odds x of noise are distributed as ``exp(-x)``, so
+        that the ratio is in proportion to the odds ``exp(x)``.  Limited at L they have the mean
+        ``1 + L`` over noise, and the ratio, whose mean over noise is one, is
+        ``exp(min(x, L)) / (1 + L)``.
 
         Parameters
         ----------
         score : (m,) ndarray
-            Probabilities as the detector has them, 1/2 at its threshold.
+            Probabilities that the detector states, 1/2 at its threshold.
 
         Returns
         -------
@@ -74,23 +82,24 @@ class DetectionModel:
         if not self.use_scores:
             return np.ones(len(score))
         with np.errstate(divide='ignore'):
-            odds = np.log(score) - np.log1p(-score)
-        return np.exp(np.clip(odds, 0.0, self.score_limit)) / (1.0 + self.score_limit)
+            log_odds = np.log(score) - np.log1p(-score)
+        odds: np.ndarray = np.exp(np.clip(log_odds, 0.0, self.score_limit))
+        return odds / (1.0 + self.score_limit)
 
-    def echoes(self, measured: Measurements, reach_m: float) -> np.ndarray:
+    def secondary(self, measured: Measurements, reach_m: float) -> np.ndarray:
         """
-        Return the density of false detections that objects cause around them.
+        Return the density of secondary detections: false ones that objects cause.
 
-        A path that holds some frames of an object and some of noise may be declared, too, a
-        few cells away from the object and with a lower score.  So a detection with a better
-        one near it may be an echo.
+        A path that holds some frames of an object and some of noise may be declared as well, a
+        few cells away from the object and with a lower score.  A detection near one with a
+        better score may therefore be secondary.
 
         Parameters
         ----------
         measured
             Detections (m,).
         reach_m
-            Distance along either axis up to which there are echoes [m].
+            Distance along either axis up to which there are secondary detections [m].
 
         Returns
         -------
@@ -100,29 +109,36 @@ class DetectionModel:
         """
         if not self.use_scores or len(measured) < 2:
             return np.zeros(len(measured))
-        best = np.argsort(-measured.score, kind='stable')[:_MOST_SOURCES]
-        offset = abs(measured.position[:, None] - measured.position[best])
-        better = measured.score[:, None] < measured.score[best]
+        primary = np.argsort(-measured.score, kind='stable')[:_MAX_PRIMARY]
+        offset = abs(measured.position[:, None] - measured.position[primary])
+        better = measured.score[:, None] < measured.score[primary]
         near = (offset[..., 0] <= reach_m) & (offset[..., 1] <= reach_m)
-        return self.echo_density * (near & better).any(axis=1)
+        possible: np.ndarray = (near & better).any(axis=1)
+        return self.secondary_density * possible
 
-    def next_clutter(self, clutter: float, stray: float, cells: int, frames: int) -> float:
+    def estimated_clutter(
+        self, density: float, false_count: float, cells: int, frames: int,
+    ) -> float:
         """
-        Return the clutter density after a frame: a mean that forgets.
+        Return the clutter density after a frame.
+
+        At first it is the posterior mean of a Poisson rate whose gamma prior is worth
+        ``clutter_prior_frames``, then a mean that forgets.
 
         Parameters
         ----------
-        clutter
-            Density before the frame [1/cell].
-        stray
-            Expected number of detections in the frame that are no object's.
+        density
+            Clutter density before the frame [1/cell].
+        false_count
+            Expected number of the frame's detections that are clutter.
         cells
-            Cells of a frame; 0 where not known, which leaves the density as it is.
+            Cells of a frame; 0 for an unknown size, which keeps the density.
         frames
             Frames before this one.
 
         """
         if self.clutter_memory_frames == 0 or cells == 0:
-            return clutter
-        share = 1.0 / (1.0 + min(_PRIOR_FRAMES + frames, self.clutter_memory_frames))
-        return max(clutter + share * (stray / cells - clutter), _LEAST_CLUTTER / cells)
+            return density
+        past = min(self.clutter_prior_frames + frames, self.clutter_memory_frames)
+        gain = 1.0 / (1.0 + past)
+        return max(density + gain * (false_count / cells - density), _MIN_FALSE_PER_FRAME / cells)

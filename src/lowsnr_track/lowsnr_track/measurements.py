@@ -1,4 +1,4 @@
-"""From declared detections to measurements: what cannot be used is refused and counted."""
+"""From the detections of a frame to measurements: reject and count what cannot be used."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ NOT_FINITE = 'position or score is not finite'
 NO_SCORE = 'score is not in [0, 1]'
 OUTSIDE = 'outside the frame'
 DUPLICATE = 'same position as another'
-# No place or standard deviation is larger; squared twice it still is a number.
+# The largest position and standard deviation [m]; its fourth power is still a number.
 FARTHEST_M = 1e9
 
 
 @dataclass(frozen=True)
 class Measurements:
     """
-    The detections of a frame that can be used.
+    The usable detections of a frame.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ class Measurements:
     cov : (m, 2, 2) ndarray
         Covariance of the position [m^2], positive definite.
     score : (m,) ndarray
-        Probability that the detection is an object, as the detector has it.
+        Probability that the detection is an object, as the detector states it.
 
     """
 
@@ -50,24 +50,24 @@ def screen(
     detections: Sequence[Estimate], extent: np.ndarray, cell_size_m: float,
 ) -> tuple[Measurements, dict[str, int]]:
     """
-    Sort out what can be used.
+    Turn detections into measurements, and count those that cannot be used.
 
     Parameters
     ----------
     detections
-        Declarations of one frame; the velocity is not looked at.
+        Declarations of one frame; their velocities are not used.
     extent : (2,) ndarray
-        Columns and rows of the frame in metres; FARTHEST_M where not known.
+        Columns and rows of the frame in metres; FARTHEST_M where unknown.
     cell_size_m
-        Side of a cell; a bare position is that of a cell's centre [m].
+        Side of a cell; a detection without a covariance is the centre of a cell [m].
 
     Returns
     -------
     Measurements
-        Usable detections in the order of the input; of several in one position, that with
+        Usable detections in the order of the input; of several in one position, the one with
         the best score.
     dict of str to int
-        Number of refused detections by reason.
+        Number of rejected detections by reason.
 
     """
     count = len(detections)
@@ -83,14 +83,14 @@ def screen(
         NO_SCORE: (score < 0.0) | (score > 1.0),
         OUTSIDE: ((corner < 0.0) | (corner >= extent)).any(axis=1),
     }
-    usable, refused = np.ones(count, dtype=bool), {}
+    usable, rejected = np.ones(count, dtype=bool), {}
     for reason, fault in faults.items():
-        refused[reason] = int(np.sum(fault & usable))
+        rejected[reason] = int(np.sum(fault & usable))
         usable &= ~fault
     kept = _best_of_each_position(position, score, np.flatnonzero(usable))
-    refused[DUPLICATE] = int(usable.sum()) - len(kept)
+    rejected[DUPLICATE] = int(usable.sum()) - len(kept)
     cov = _position_cov(cov[kept], cell_size_m)
-    counted = {reason: number for reason, number in refused.items() if number}
+    counted = {reason: number for reason, number in rejected.items() if number}
     return Measurements(position[kept], cov, score[kept]), counted
 
 
@@ -99,17 +99,17 @@ def _best_of_each_position(
 ) -> np.ndarray:
     if len(usable) < 2:
         return usable
-    strongest_first = usable[np.argsort(-score[usable], kind='stable')]
-    _, first = np.unique(position[strongest_first], axis=0, return_index=True)
-    return np.sort(strongest_first[first])
+    best_first = usable[np.argsort(-score[usable], kind='stable')]
+    _, first = np.unique(position[best_first], axis=0, return_index=True)
+    return np.sort(best_first[first])
 
 
 def _position_cov(cov: np.ndarray, cell_size_m: float) -> np.ndarray:
     """
-    Return the position's covariance, (m, 2, 2).
+    Return the covariance of the position, (m, 2, 2).
 
-    It is the detector's own, but no axis is better than the cell it was rounded to; where
-    the detector states none that can be, it is that of a position uniform in its cell.
+    It is the detector's own, but on no axis smaller than that of rounding to a cell.  Without a
+    usable one it is that of a position uniform in its cell, ``cell_size_m^2 / 12`` an axis.
     """
     rounding = cell_size_m**2 / 12.0
     cov = cov[:, POS][:, :, POS]

@@ -1,11 +1,11 @@
 """
-The multiple-model particle filter: a weighted cloud of states, each with its mode.
+The multiple-model particle filter: particles of states, each with its motion mode.
 
-A mode switches first and then governs the step, so that in every cloud ``modes`` is r_k and
-``states`` x_k of the same frame.  The chain acts in :func:`predict` by drawing and nowhere
-else: weights are never multiplied with transition probabilities, and a flat likelihood
-leaves the modes to the chain.  Leading axes ``...`` are independent clouds, one a track.
-See Ristic, Arulampalam and Gordon, *Beyond the Kalman Filter* (2004), chapters 3 and 4.
+A mode switches first and then governs the step, so that ``modes`` holds r_k and ``states`` x_k
+of the same frame.  The Markov chain acts in :func:`predict` alone, by drawing modes: weights are
+never multiplied with transition probabilities, and a flat likelihood leaves the modes to the
+chain.  Leading axes ``...`` are independent filters, one for each track.  See Ristic,
+Arulampalam and Gordon, *Beyond the Kalman Filter* (2004), chapters 3 and 4.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Cloud:
+class Particles:
     """
-    Particles that stand for the posterior of state and mode.
+    Weighted particles that represent the posterior of state and mode.
 
     Parameters
     ----------
@@ -43,9 +43,9 @@ class Cloud:
     modes: np.ndarray
     log_weights: np.ndarray
 
-    def __getitem__(self, index: np.ndarray) -> Cloud:
-        """Return the clouds that an index along the first axis picks."""
-        chosen = Cloud(self.states[index], self.modes[index], self.log_weights[index])
+    def __getitem__(self, index: np.ndarray) -> Particles:
+        """Return the filters that an index along the first axis picks."""
+        chosen = Particles(self.states[index], self.modes[index], self.log_weights[index])
         if 'moments' in self.__dict__:
             mean, cov = self.moments
             chosen.__dict__['moments'] = mean[index], cov[index]
@@ -64,129 +64,135 @@ class Cloud:
     def mode_probabilities(self, count: int) -> np.ndarray:
         """Return the probability of each of ``count`` modes, (..., count)."""
         is_mode = self.modes[..., None] == np.arange(count)
-        return np.sum(np.exp(self.log_weights)[..., None] * is_mode, axis=-2)
+        probability: np.ndarray = np.sum(
+            np.exp(self.log_weights)[..., None] * is_mode, axis=-2)
+        return probability
 
 
-def uniform_cloud(states: np.ndarray, modes: np.ndarray) -> Cloud:
+def equally_weighted(states: np.ndarray, modes: np.ndarray) -> Particles:
     """Return particles of equal weight, from states (..., N, 4) and modes (..., N)."""
-    return Cloud(states, modes, np.full(modes.shape, -np.log(modes.shape[-1])))
+    return Particles(states, modes, np.full(modes.shape, -np.log(modes.shape[-1])))
 
 
-def concatenate(first: Cloud, second: Cloud) -> Cloud:
-    """Return the clouds of both, one after the other along the first axis."""
-    return Cloud(
+def concatenate(first: Particles, second: Particles) -> Particles:
+    """Return the filters of both, one after the other along the first axis."""
+    return Particles(
         np.concatenate([first.states, second.states]),
         np.concatenate([first.modes, second.modes]),
         np.concatenate([first.log_weights, second.log_weights]))
 
 
 def predict(
-    cloud: Cloud, motion: MotionModes, dt: float, steps: int, rng: np.random.Generator,
-) -> Cloud:
+    particles: Particles, motion: MotionModes, dt: float, steps: int, rng: np.random.Generator,
+) -> Particles:
     """
-    Draw where the particles are ``dt`` later: in each step switch first, then move.
+    Draw the particles a time ``dt`` later: in each step the mode switches, then the state moves.
 
     Parameters
     ----------
-    cloud
-        Posterior before.
+    particles
+        Posterior of the frame before.
     motion
         Modes, their Markov chain and the process noise.
     dt
-        Time that passes [s].
+        Time since that frame [s].
     steps
-        Number of equal steps it is divided into; a mode may switch in each.
+        Number of equal steps that divide it; a mode may switch in each.
     rng
         Source of randomness.
 
     """
-    states, modes = cloud.states, cloud.modes
+    states, modes = particles.states, particles.modes
     for _ in range(steps):
         modes = motion.switch(modes, dt / steps, rng)
         states = motion.move(states, modes, dt / steps, rng)
-    return replace(cloud, states=states, modes=modes)
+    return replace(particles, states=states, modes=modes)
 
 
-def update(cloud: Cloud, log_likelihood: np.ndarray) -> tuple[Cloud, np.ndarray]:
+def update(
+    particles: Particles, log_likelihood: np.ndarray,
+) -> tuple[Particles, np.ndarray]:
     """
-    Weigh every particle by its likelihood.
+    Multiply the weight of every particle by its likelihood.
 
     Parameters
     ----------
-    cloud
+    particles
         Prior of the frame.
     log_likelihood : (..., N) ndarray
         Log-likelihood of each particle, up to a constant [nat].
 
     Returns
     -------
-    Cloud
-        Posterior; uniform weights where every particle was impossible.
+    Particles
+        Posterior; uniform weights where every particle has likelihood zero.
     (...,) ndarray
-        Log of the likelihood averaged over the prior; -inf where all was impossible.
+        Log of the likelihood averaged over the prior; -inf where every one is zero.
 
     """
-    log_weights, log_evidence = normalise(cloud.log_weights + log_likelihood)
-    return replace(cloud, log_weights=log_weights), log_evidence
+    log_weights, log_evidence = normalise(particles.log_weights + log_likelihood)
+    return replace(particles, log_weights=log_weights), log_evidence
 
 
 def resample(
-    cloud: Cloud, below: float, power: float, roughening: float, rng: np.random.Generator,
-) -> Cloud:
+    particles: Particles, below: float, power: float, roughening: float,
+    rng: np.random.Generator,
+) -> Particles:
     """
-    Resample the clouds whose effective size has fallen, and roughen what was drawn.
+    Resample the filters whose effective size is low, and roughen the drawn particles.
 
     Particles are drawn by a power of their weights and keep the rest of it as their weight
-    (Liu, Chen and Logvinenko 2001), so that unlikely hypotheses stay represented.  Copies of
-    one particle are pulled towards the mean and scattered again, both by as much as leaves mean
-    and covariance of the cloud as they were (Liu and West 2001).
+    (Liu, Chen and Logvinenko 2001), so that unlikely hypotheses stay represented.  Roughening
+    spreads the copies of one particle: it shrinks all towards the mean and adds noise, both by
+    as much as leaves mean and covariance unchanged (Liu and West 2001).
 
     Parameters
     ----------
-    cloud : Cloud
-        Clouds along one leading axis, (T, N).
+    particles : Particles
+        Filters along one leading axis, (T, N).
     below
-        Share of N at or below which the effective size brings on resampling.
+        Effective size, as a fraction of N, at or below which a filter is resampled.
     power
         Exponent of the weights by which particles are drawn, above 0 to 1; 1 leaves all
         weights equal.
     roughening
-        Width of the scatter in units of ``N^(-1/4)`` standard deviations of the cloud, the rate
-        of Gordon, Salmond and Smith (1993) for four dimensions; 0 for none.
+        Standard deviation of the noise, in units of ``N^(-1/4)`` standard deviations of the
+        particles, the rate of Gordon, Salmond and Smith (1993) for four dimensions; 0 for none.
     rng
         Source of randomness.
 
     """
-    if len(cloud.modes) == 0:
-        return cloud
-    count = cloud.log_weights.shape[-1]
-    worn = np.flatnonzero(effective_size(cloud.log_weights) <= below * count)
-    if worn.size == 0:
-        return cloud
-    drawn = systematic_resample(power * cloud.log_weights[worn], count, rng)
-    states, modes, log_weights = cloud.states.copy(), cloud.modes.copy(), cloud.log_weights.copy()
+    if len(particles.modes) == 0:
+        return particles
+    count = particles.log_weights.shape[-1]
+    low = np.flatnonzero(effective_size(particles.log_weights) <= below * count)
+    if low.size == 0:
+        return particles
+    drawn = systematic_resample(power * particles.log_weights[low], count, rng)
+    states, modes = particles.states.copy(), particles.modes.copy()
+    log_weights = particles.log_weights.copy()
     width = min(roughening * count**-0.25, 1.0)
-    mean, cov = cloud.moments
-    for t, index in zip(worn, drawn):
-        modes[t] = cloud.modes[t].take(index)
-        states[t] = cloud.states[t].take(index, axis=0)
-        log_weights[t], _ = normalise((1.0 - power) * cloud.log_weights[t].take(index))
+    mean, cov = particles.moments
+    for t, index in zip(low, drawn):
+        modes[t] = particles.modes[t].take(index)
+        states[t] = particles.states[t].take(index, axis=0)
+        log_weights[t], _ = normalise((1.0 - power) * particles.log_weights[t].take(index))
         if width > 0.0:
             _roughen(states[t], mean[t], cov[t], width, rng)
-    return Cloud(states, modes, log_weights)
+    return Particles(states, modes, log_weights)
 
 
 def _roughen(
     states: np.ndarray, mean: np.ndarray, cov: np.ndarray, width: float,
     rng: np.random.Generator,
 ) -> None:
-    """Pull the states (N, 4) of one cloud towards its mean and scatter them, in place."""
-    # A cloud may lie in a plane or a point, which has no Cholesky factor.
+    """Shrink the states (N, 4) of one filter towards their mean and add noise, in place."""
+    # Particles in a plane or a point have no Cholesky factor without the ridge.
     ridge = (1e-9 * np.trace(cov) + 1e-200) * np.eye(4)
     factor = width * np.linalg.cholesky(cov + ridge).T
-    keep = np.sqrt(1.0 - width**2)
-    states *= keep
-    states += (1.0 - keep) * mean
+    shrinkage = np.sqrt(1.0 - width**2)
+    states *= shrinkage
+    states += (1.0 - shrinkage) * mean
     # Pairs of opposite sign leave the mean where it is.
     half = len(states) // 2
     noise = rng.standard_normal((len(states) - half, 4)) @ factor

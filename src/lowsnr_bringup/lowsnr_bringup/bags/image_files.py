@@ -1,196 +1,240 @@
 """
-Frames from files: ``.npz`` archives, folders of images, videos; pixels as they are.
+Frames from files: ``.npz`` archives, folders of images, videos.
 
-What does not fit raises ValueError with one line that names the file.  A colour image becomes
-its grey, by luminance.
+Pixels stay as they are: 8 and 16 bits unsigned, anything else becomes 32-bit floating point.  A
+colour image becomes its luminance.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from dataclasses import field
+import itertools
 from pathlib import Path
-import re
-import struct
-import tokenize
-import zipfile
-import zlib
 
+from lowsnr_bringup.bags.bag_files import by_number
+from lowsnr_bringup.bags.errors import UNREADABLE
+from lowsnr_bringup.bags.errors import UnusableFile
 from lowsnr_common.settings.text import one_line
 import numpy as np
+from numpy.typing import NDArray
 
-IMAGE_ENDINGS = ('.png', '.tif', '.tiff', '.fits', '.fit', '.fts')
+Frame = NDArray[np.integer | np.floating]
+
+IMAGE_SUFFIXES = ('.png', '.tif', '.tiff', '.fits', '.fit', '.fts')
 _FITS = ('.fits', '.fit', '.fts')
-# What reading a file that holds anything at all may raise.
-UNREADABLE = (
-    OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, MemoryError,
-    RuntimeError, SyntaxError, EOFError, AssertionError, struct.error, zlib.error,
-    tokenize.TokenError, zipfile.BadZipFile)
-_GREY = 'colour frames are turned to grey'
+_GREY = 'colour frames are converted to grey'
 
 
 @dataclass
-class Recording:
+class FrameReader:
     """
-    Frames that are read one by one.
+    Frames of one size and type, read one after the other.
 
-    Parameters
+    Iterate over it once; that raises :class:`~lowsnr_bringup.bags.errors.UnusableFile` where a
+    frame cannot be read.
+
+    Attributes
     ----------
-    frames
-        The frames (rows, cols), all of one size and kind; to be gone through once.
-    times_s : (T,) ndarray
-        Their times [s], rising; None where not known.
-    truth : (T, 2) ndarray
-        Place x (column), y (row) of the object [pixels], NaN where there is none; None where
-        not known.
-    period_s
-        Time from a frame to the next [s], for a video; None otherwise.
-    remarks
-        What a user should know, after the frames were gone through.
+    shape
+        Rows and columns of every frame.
+    dtype
+        Type of every frame: ``uint8``, ``uint16`` or ``float32``.
+    times_s : (T,) ndarray or None
+        Times of the frames [s], increasing; None if unknown.
+    period_s : float or None
+        Time between frames [s] of a video that states it.
+    truth : (T, 2) ndarray or None
+        x (column), y (row) of the object [pixels], NaN where it is absent; None if unknown.
+    notes : list of str
+        What a user should know, complete once all frames are read.
 
     """
 
-    frames: Iterator[np.ndarray]
-    times_s: np.ndarray | None
-    truth: np.ndarray | None
-    period_s: float | None
-    remarks: list[str]
+    frames: Iterator[Frame]
+    shape: tuple[int, int]
+    dtype: np.dtype[np.integer | np.floating]
+    times_s: NDArray[np.floating] | None = None
+    period_s: float | None = None
+    truth: NDArray[np.floating] | None = None
+    notes: list[str] = field(default_factory=list)
+
+    def __iter__(self) -> Iterator[Frame]:
+        return self.frames
+
+    def even_period_s(self, period_s: float | None = None) -> float | None:
+        """
+        Return the time between frames [s] where it is the same throughout, else None.
+
+        ``period_s`` replaces the period and the times of the files.  The period is 1 s where
+        neither states one.
+        """
+        if period_s is None and self.times_s is not None and len(self.times_s) > 1:
+            return None
+        return period_s or self.period_s or 1.0
+
+    def stamps_ns(self, period_s: float | None = None) -> Iterator[int]:
+        """
+        Return the stamps of the frames [ns].
+
+        The first one is a period, never 0; see :meth:`even_period_s` for ``period_s``.
+        """
+        even_s = self.even_period_s(period_s)
+        if self.times_s is None or even_s is not None:
+            return (round(k * (even_s or 1.0) * 1e9) for k in itertools.count(1))
+        first_s = np.median(np.diff(self.times_s)) - self.times_s[0]
+        return (round((first_s + t) * 1e9) for t in self.times_s)
 
 
-def open_recording(path: Path) -> Recording:
+def open_frames(path: Path) -> FrameReader:
     """
-    Open an ``.npz``, a folder of images or a video.
+    Open an ``.npz`` archive, a folder of images or a video.
 
     Raises
     ------
-    ValueError
-        One line, now or while the frames are gone through.
+    UnusableFile
+        With reason ``missing``, ``unreadable``, ``no frames``, ``not frames`` (an array or image
+        of another shape or type), ``not finite`` or ``mixed`` (frames of several sizes or
+        types); here for the first frame, while iterating for the others.
 
     """
     if not path.exists():
-        raise ValueError(f'{path}: there is no such file or folder')
+        raise UnusableFile(path, 'missing', 'there is no such file or folder')
     if path.is_dir():
         return _folder(path)
     return _archive(path) if path.suffix == '.npz' else _video(path)
 
 
-def _archive(path: Path) -> Recording:
+def _archive(path: Path) -> FrameReader:
     try:
         with path.open('rb') as file, np.load(file, allow_pickle=False) as archive:
             arrays = {key: archive[key] for key in ('frames', 'truth', 't_s') if key in archive}
     except UNREADABLE as error:
-        raise ValueError(f'{path}: cannot be read: {one_line(error)}') from None
+        raise UnusableFile(path, 'unreadable', f'cannot be read: {one_line(error)}') from None
     if 'frames' not in arrays:
-        raise ValueError(f'{path}: has no array frames')
+        raise UnusableFile(path, 'no frames', 'has no array frames')
     frames, truth, times_s = arrays['frames'], arrays.get('truth'), arrays.get('t_s')
     if frames.ndim != 3 or 0 in frames.shape:
-        raise ValueError(f'{path}: frames has shape {frames.shape}, must be (frames, rows, cols)')
+        raise UnusableFile(
+            path, 'not frames', f'frames has shape {frames.shape}, must be (frames, rows, cols)')
     for name, array, shape in (
             ('truth', truth, (len(frames), 2)), ('t_s', times_s, (len(frames),))):
         if array is not None and (array.shape != shape or array.dtype.kind not in 'fiu'):
-            raise ValueError(
-                f'{path}: {name} has shape {array.shape} of {array.dtype}, must be {shape} of '
-                'numbers')
-    if times_s is not None and not (
-            np.isfinite(times_s).all() and (np.diff(times_s.astype(float)) > 0.0).all()):
-        raise ValueError(f'{path}: t_s does not rise from frame to frame')
-    return Recording(_checked(path, iter(frames), []), times_s, truth, None, [])
+            raise UnusableFile(
+                path, f'bad {name}', f'{name} has shape {array.shape} of {array.dtype}, must be '
+                f'{shape} of numbers')
+    if times_s is not None:
+        times_s = times_s.astype(float)
+        if not (np.isfinite(times_s).all() and (np.diff(times_s) > 0.0).all()):
+            raise UnusableFile(
+                path, 'bad t_s', 't_s does not increase from each frame to the next')
+    reader = _reader(path, iter(frames), [], [])
+    reader.times_s, reader.truth = times_s, truth
+    return reader
 
 
-def _folder(path: Path) -> Recording:
+def _folder(path: Path) -> FrameReader:
     files = sorted(
-        (item for item in path.iterdir() if item.suffix.lower() in IMAGE_ENDINGS), key=_by_number)
+        (item for item in path.iterdir() if item.suffix.lower() in IMAGE_SUFFIXES), key=by_number)
     if not files:
-        raise ValueError(f'{path}: holds no image ({", ".join(IMAGE_ENDINGS)})')
-    remarks: list[str] = []
-    frames = (_image(item, remarks) for item in files)
-    return Recording(_checked(path, frames, files), None, None, None, remarks)
+        raise UnusableFile(path, 'no frames', f'holds no image ({", ".join(IMAGE_SUFFIXES)})')
+    notes: list[str] = []
+    return _reader(path, (_image(item, notes) for item in files), files, notes)
 
 
-def _by_number(path: Path) -> list[tuple[int, str]]:
-    """Return a key that puts frame_9 before frame_10."""
-    return [(int(part), '') if part.isdigit() else (-1, part)
-            for part in re.split(r'(\d+)', path.name)]
-
-
-def _image(path: Path, remarks: list[str]) -> np.ndarray:
+def _image(path: Path, notes: list[str]) -> Frame:
     if path.suffix.lower() in _FITS:
         from astropy.io import fits  # slow to import, and rarely needed
         try:
-            data = fits.getdata(path)
+            return np.asarray(fits.getdata(path))
         except (*UNREADABLE, fits.VerifyError) as error:
-            raise ValueError(f'{path}: not a FITS image: {one_line(error)}') from None
-        return np.asarray(data)
+            raise UnusableFile(
+                path, 'unreadable', f'not a FITS image: {one_line(error)}') from None
     import cv2
     try:
         data = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED) \
             if path.stat().st_size else None
     except (OSError, cv2.error) as error:
-        raise ValueError(f'{path}: not an image: {one_line(error)}') from None
+        raise UnusableFile(path, 'unreadable', f'not an image: {one_line(error)}') from None
     if data is None:
-        raise ValueError(f'{path}: not an image')
-    return _grey(np.asarray(data), remarks)
+        raise UnusableFile(path, 'unreadable', 'not an image')
+    return _grey(np.asarray(data), notes)
 
 
-def _grey(image: np.ndarray, remarks: list[str]) -> np.ndarray:
-    """Return one channel of an image as OpenCV has it: blue, green, red and perhaps alpha."""
+def _grey(image: Frame, notes: list[str]) -> Frame:
+    """Return one channel of an image in OpenCV's order: blue, green, red and perhaps alpha."""
     if image.ndim == 2:
         return image
     if (image[..., :3] == image[..., :1]).all():
         return image[..., 0]
     import cv2
-    if _GREY not in remarks:
-        remarks.append(_GREY)
+    if _GREY not in notes:
+        notes.append(_GREY)
     return np.asarray(cv2.cvtColor(image[..., :3], cv2.COLOR_BGR2GRAY))
 
 
-def _video(path: Path) -> Recording:
+def _video(path: Path) -> FrameReader:
     import cv2
-    quiet = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     video = cv2.VideoCapture(str(path))
-    cv2.utils.logging.setLogLevel(quiet)
+    cv2.utils.logging.setLogLevel(level)
     if not video.isOpened():
-        raise ValueError(f'{path}: neither an .npz, a folder of images nor a video')
+        raise UnusableFile(
+            path, 'unreadable', 'neither an .npz, a folder of images nor a video')
     rate_hz = float(video.get(cv2.CAP_PROP_FPS))
-    remarks: list[str] = []
+    notes: list[str] = []
 
-    def frames() -> Iterator[np.ndarray]:
+    def frames() -> Iterator[Frame]:
         while True:
             found, image = video.read()
             if not found:
                 video.release()
                 return
-            yield _grey(np.asarray(image), remarks)
+            yield _grey(np.asarray(image), notes)
 
-    period_s = 1.0 / rate_hz if rate_hz > 0.0 else None
-    return Recording(_checked(path, frames(), []), None, None, period_s, remarks)
+    reader = _reader(path, frames(), [], notes)
+    reader.period_s = 1.0 / rate_hz if rate_hz > 0.0 else None
+    return reader
 
 
-def _checked(
-    path: Path, frames: Iterator[np.ndarray], files: list[Path],
-) -> Iterator[np.ndarray]:
-    """Pass on frames of one size and kind; raise ValueError for another, by number or file."""
-    first = None
+def _reader(
+    path: Path, frames: Iterator[Frame], files: list[Path], notes: list[str],
+) -> FrameReader:
+    """Return a reader of frames; ``files`` are those that hold one frame each."""
+    checked = _checked(path, frames, files)
+    first = next(checked, None)
+    if first is None:
+        raise UnusableFile(path, 'no frames', 'holds no frame')
+    rows, cols = first.shape
+    return FrameReader(
+        itertools.chain([first], checked), (rows, cols), first.dtype, notes=notes)
+
+
+def _checked(path: Path, frames: Iterator[Frame], files: list[Path]) -> Iterator[Frame]:
+    """Yield frames of one size and type; name another one by its file or number."""
+    first = ''
     for number, frame in enumerate(frames, start=1):
-        where = f'{files[number - 1]}' if files else f'{path}: frame {number}'
-        frame = _storable(frame, where)
+        source, where = (files[number - 1], '') if files else (path, f'frame {number}: ')
+        frame = _storable(frame, source, where)
         kind = f'{frame.shape[1]} x {frame.shape[0]} pixels of {frame.dtype}'
         first = first or kind
         if kind != first:
-            raise ValueError(f'{where}: {kind}, the first frame has {first}')
+            raise UnusableFile(source, 'mixed', f'{where}{kind}, the first frame has {first}')
         yield frame
-    if first is None:
-        raise ValueError(f'{path}: holds no frame')
 
 
-def _storable(frame: np.ndarray, where: str) -> np.ndarray:
-    """Return a frame of 8 or 16 bits without sign as it is, others as 32-bit floats."""
+def _storable(frame: Frame, source: Path, where: str) -> Frame:
+    """Return an unsigned frame of 8 or 16 bits as it is, any other as 32-bit floating point."""
     if frame.ndim != 2 or 0 in frame.shape or frame.dtype.kind not in 'uif':
-        raise ValueError(f'{where}: {frame.dtype} of shape {frame.shape} is not a grey image')
+        raise UnusableFile(
+            source, 'not frames',
+            f'{where}{frame.dtype} of shape {frame.shape} is not a grey image')
     if frame.dtype.kind == 'u' and frame.itemsize <= 2:
         return frame.astype(frame.dtype.newbyteorder('='), copy=False)
     floats = frame.astype(np.float32)
     if not np.isfinite(floats).all():
         row, col = np.argwhere(~np.isfinite(floats))[0]
-        raise ValueError(f'{where}: row {row}, column {col} is not a finite number')
+        raise UnusableFile(
+            source, 'not finite', f'{where}row {row}, column {col} is not a finite number')
     return floats

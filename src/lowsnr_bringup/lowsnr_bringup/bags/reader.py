@@ -1,13 +1,15 @@
 """
-Reading rosbag2 bags, whoever wrote them and however they ended.
+Reading rosbag2 bags of any writer, whole or damaged.
 
-A file that is damaged is used up to the damage, and :attr:`Bag.notes` says so.
+The reader uses a damaged file up to the damage, and adds a line to :attr:`Bag.notes`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from collections.abc import Collection
 from collections.abc import Iterator
+from collections.abc import Mapping
 from contextlib import ExitStack
 from functools import cache
 from pathlib import Path
@@ -16,27 +18,25 @@ from types import TracebackType
 from typing import Any
 from typing import NamedTuple
 
-from lowsnr_bringup.bags.definitions import type_definition
-from lowsnr_bringup.bags.files import BagFiles
-from lowsnr_bringup.bags.files import find_files
-from lowsnr_bringup.bags.files import unpack
-from lowsnr_bringup.bags.packing import unpacked
-from lowsnr_bringup.bags.salvage import BROKEN
-from lowsnr_bringup.bags.salvage import MCAP_MAGIC
-from lowsnr_bringup.bags.salvage import roll_back
-from lowsnr_bringup.bags.salvage import SalvagedMcap
-from lowsnr_bringup.bags.salvage import SalvagedSqlite3
-from lowsnr_bringup.bags.salvage import SQLITE_MAGIC
+from lowsnr_bringup.bags import mcap_storage
+from lowsnr_bringup.bags import sqlite_storage
+from lowsnr_bringup.bags.bag_files import BagFiles
+from lowsnr_bringup.bags.bag_files import find_files
+from lowsnr_bringup.bags.compression import unpack_file
+from lowsnr_bringup.bags.compression import unpack_message
+from lowsnr_bringup.bags.errors import UNREADABLE
+from lowsnr_bringup.bags.errors import UnusableFile
+from lowsnr_bringup.bags.storage import StorageReader
+from lowsnr_bringup.bags.type_definitions import type_definition
 from lowsnr_common.settings.text import one_line
-from rosbags.rosbag2.storage_mcap import McapReader
-from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 from rosbags.typesys import get_types_from_msg
 from rosbags.typesys import get_typestore
 from rosbags.typesys import Stores
 from rosbags.typesys.store import Typestore
 
-_READERS = {
-    MCAP_MAGIC: (McapReader, SalvagedMcap), SQLITE_MAGIC: (Sqlite3Reader, SalvagedSqlite3)}
+_READERS: Mapping[bytes, Callable[[Path], StorageReader]] = {
+    mcap_storage.MAGIC: mcap_storage.McapStorageReader,
+    sqlite_storage.MAGIC: sqlite_storage.SqliteStorageReader}
 
 
 class Message(NamedTuple):
@@ -51,18 +51,25 @@ class Bag:
     """
     A bag that is open for reading; use it in ``with``.
 
-    ``topics`` are the types of the topics by name, ``custom`` the texts of its metadata,
-    ``notes`` one line for each thing that was damaged or missing, which grow with the reading.
-
     Parameters
     ----------
     path
         Folder of the bag, or a storage file.
 
+    Attributes
+    ----------
+    topics
+        Types of the topics by name.
+    custom
+        Texts that the metadata carry, by name.
+    notes : list of str
+        A line for each thing that is damaged or missing; reading messages may add some.
+
     Raises
     ------
-    ValueError
-        One line that names the file and what is wrong.
+    UnusableFile
+        With a reason of :func:`~lowsnr_bringup.bags.bag_files.find_files`, or ``unreadable``,
+        ``empty`` or ``not a bag``.
 
     """
 
@@ -73,20 +80,22 @@ class Bag:
         self.notes = list(files.notes)
         self.topics: dict[str, str] = {}
         self._digests: dict[str, str] = {}
-        self._packed = files.compression == 'message'
+        self._messages_packed = files.compression == 'message'
         self._open = ExitStack()
         try:
-            self._storages = [self._storage(item) for item in self._plain_files(files)]
+            self._storages = [
+                (original, self._storage(original, plain))
+                for original, plain in self._plain_files(files)]
         except ValueError:
             self.close()
             raise
-        for connection in (item for _, reader in self._storages for item in reader.connections):
-            if not (connection.topic.isprintable() and connection.msgtype.isprintable()):
-                self.notes.append(f'{path}: leaves out the topic {connection.topic!r}')
+        for topic in (item for _, storage in self._storages for item in storage.topics):
+            if not (topic.name.isprintable() and topic.msgtype.isprintable()):
+                self.notes.append(f'{path}: the topic {topic.name!r} is left out')
                 continue
-            self.topics.setdefault(connection.topic, connection.msgtype)
-            if connection.digest:
-                self._digests.setdefault(connection.msgtype, connection.digest)
+            self.topics.setdefault(topic.name, topic.msgtype)
+            if topic.digest:
+                self._digests.setdefault(topic.msgtype, topic.digest)
 
     def __enter__(self) -> Bag:
         return self
@@ -102,17 +111,23 @@ class Bag:
         self._open.close()
 
     def messages(self, topics: Collection[str]) -> Iterator[Message]:
-        """Yield the messages of some topics, in the order of the files."""
-        for path, reader in self._storages:
-            wanted = [item for item in reader.connections if item.topic in topics]
+        """
+        Yield the messages of some topics, one file after the other.
+
+        Those of a whole file come in the order of their log times, those of a damaged one in the
+        order in which they were written.
+        """
+        for path, storage in self._storages:
+            names = {item.number: item.name for item in storage.topics if item.name in topics}
             count = 0
             try:
-                for connection, logged_ns, data in _read(reader, wanted):
-                    plain = unpacked(data) if self._packed else data
-                    yield Message(connection.topic, logged_ns, plain)
+                for number, logged_ns, data in storage.messages(names) if names else ():
+                    plain = unpack_message(data) if self._messages_packed else data
+                    yield Message(names[number], logged_ns, plain)
                     count += 1
-            except BROKEN as error:
-                self._note(path, f'is damaged after {count} of the messages asked for', error)
+            except UNREADABLE as error:
+                self._note_damage(
+                    path, f'is damaged after {count} of the messages asked for', _text(error))
 
     def read(self, message: Message) -> Any:
         """
@@ -120,87 +135,77 @@ class Bag:
 
         Raises
         ------
+        UnusableFile
+            If the bag's definition of the type is not the installed one (reason ``other type``),
+            or the bytes do not fit it (``bad message``).
         ValueError
-            If the bag's definition of the type is not the installed one, or the bytes do not
-            fit it.
+            If no installed package defines the type.
 
         """
         msgtype = self.topics[message.topic]
         known = type_definition(msgtype).digest
         if self._digests.get(msgtype, known) != known:
-            raise ValueError(
-                f'{self.path}: {message.topic}: its definition of {msgtype} is not the installed '
-                f'one ({self._digests[msgtype]}, not {known})')
+            raise UnusableFile(
+                self.path, 'other type',
+                f'{message.topic}: its definition of {msgtype} is not the installed one '
+                f'({self._digests[msgtype]}, not {known})')
         try:
             return _typestore(msgtype).deserialize_cdr(message.data, msgtype)
-        except BROKEN as error:
-            raise ValueError(f'{self.path}: {message.topic}: a message of {len(message.data)} '
-                             f'bytes is no {msgtype}: {_say(error)}') from None
+        except UNREADABLE as error:
+            raise UnusableFile(
+                self.path, 'bad message', f'{message.topic}: a message of {len(message.data)} '
+                f'bytes is no {msgtype}: {_text(error)}') from None
 
-    def _plain_files(self, files: BagFiles) -> list[tuple[Path, Path]]:
-        """Return every file as it is called and as it can be read."""
+    def _plain_files(self, files: BagFiles) -> Iterator[tuple[Path, Path]]:
+        """Yield every file with the one that can be read in its place."""
         if files.compression != 'file':
-            return [(path, path) for path in files.paths]
+            yield from zip(files.paths, files.paths)
+            return
         folder = Path(self._open.enter_context(TemporaryDirectory()))
-        plain = []
         for path in files.paths:
-            plain.append((path, folder / path.stem))
-            if trouble := unpack(*plain[-1]):
-                self.notes.append(f'{trouble}; used up to there')
-        return plain
+            plain = folder / path.stem
+            if fault := unpack_file(path, plain):
+                self._note_damage(path, 'is damaged', fault)
+            yield path, plain
 
-    def _storage(self, names: tuple[Path, Path]) -> tuple[Path, Any]:
-        """Open a storage file; where it is damaged, what is whole of it."""
-        path, plain = names
-        whole, salvaged = _READERS[_magic(path, plain)]
+    def _storage(self, path: Path, plain: Path) -> StorageReader:
+        """Open a storage file."""
+        kind = _READERS[_magic(path, plain)]
         try:
-            if whole is Sqlite3Reader:
-                roll_back(plain)
-            reader = whole(plain)
-            reader.open()
-        except BROKEN as error:
-            reader = salvaged(plain)
-            try:
-                reader.open()
-            except BROKEN:
-                raise ValueError(f'{path}: cannot be read: {_say(error)}') from None
-            self._note(path, 'is damaged or was not closed', error)
-        self._open.callback(reader.close)
-        return path, reader
+            storage = kind(plain)
+        except UNREADABLE as error:
+            raise UnusableFile(path, 'unreadable', f'cannot be read: {_text(error)}') from None
+        self._open.callback(storage.close)
+        if storage.damage:
+            self._note_damage(path, 'is damaged or was not closed', storage.damage)
+        return storage
 
-    def _note(self, path: Path, what: str, error: BaseException) -> None:
-        self.notes.append(f'{path}: {what} ({_say(error)}); used up to there')
+    def _note_damage(self, path: Path, what: str, fault: str) -> None:
+        self.notes.append(f'{path}: {what} ({fault.rstrip(".")}); used up to there')
 
 
 def _magic(path: Path, plain: Path) -> bytes:
+    """Return the first bytes of a file, which are those of its format."""
     try:
         with plain.open('rb') as file:
             head = file.read(max(map(len, _READERS)))
     except OSError as error:
-        raise ValueError(f'{path}: cannot be read: {error.strerror}') from None
+        raise UnusableFile(path, 'unreadable', f'cannot be read: {error.strerror}') from None
     if not head:
-        raise ValueError(f'{path}: is empty (zero bytes)')
+        raise UnusableFile(path, 'empty', 'is empty (zero bytes)')
     for magic in _READERS:
         if head.startswith(magic):
             return magic
-    raise ValueError(f'{path}: is not a bag: it is neither MCAP nor SQLite')
-
-
-def _read(reader: Any, connections: list[Any]) -> Iterator[tuple[Any, int, bytes]]:
-    if not connections:
-        return iter(())
-    if isinstance(reader, McapReader) and not reader.chunks:
-        return reader.messages_scan(connections)  # what has no index need not be in order
-    return reader.messages(connections)
+    raise UnusableFile(path, 'not a bag', 'is not a bag: it is neither MCAP nor SQLite')
 
 
 @cache
 def _typestore(msgtype: str) -> Typestore:
-    """Return a store of the installed definition; what a bag defines is never made code."""
+    """Return a store of the installed definition; definitions of a bag are never made code."""
     store = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(type_definition(msgtype).text, msgtype))
     return store
 
 
-def _say(error: BaseException) -> str:
+def _text(error: BaseException) -> str:
     return one_line(error).rstrip('.') or type(error).__name__

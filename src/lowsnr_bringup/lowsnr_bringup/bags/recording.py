@@ -1,28 +1,62 @@
-"""What a recorder counts, and what it leaves in the bag's metadata."""
+"""Recording a run: settings and counts of the recorder, and a summary of its bags."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 import itertools
 import json
 from pathlib import Path
+from typing import Any
 
-from lowsnr_bringup.bags.writer import METADATA_FILE
+from lowsnr_bringup.bags.bag_files import INFORMATION
+from lowsnr_bringup.bags.bag_files import METADATA_FILE
+from lowsnr_bringup.bags.writer import STORAGES
+from lowsnr_common.settings.config import check_settings
+from lowsnr_common.settings.config import setting
 import yaml
 
+# Names of the texts that the metadata of a recorded bag carry.
 CUSTOM_PARAMETERS = 'lowsnr_parameters'
 CUSTOM_LOSSES = 'lowsnr_losses'
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecorderSettings:
+    """Where the recorder writes, and which topics it waits for."""
+
+    bag: str = setting('bag', 'folder of the bag, which must not exist')
+    storage: str = setting('mcap', 'storage format of the bag', choices=STORAGES)
+    run_parameters: str = setting('', 'parameter file of the run, which is copied into the bag')
+    topics: tuple[str, ...] = setting(
+        (), 'topics that must be received before the recorder becomes active')
+    rows: int = setting(0, 'rows of a frame, 0 if not known', ge=0, le=16384)
+    cols: int = setting(0, 'columns of a frame, 0 if not known', ge=0, le=16384)
+
+    def __post_init__(self) -> None:
+        check_settings(self)
 
 
 @dataclass
 class Tally:
     """
-    The messages of one topic.
+    Counts of the messages of one topic.
 
-    The only publisher of a topic numbers its messages from 1, so that each one lost shows as a
-    gap after the ``last`` that came; it is 0 before the first, and None where the publisher may
-    have begun before.  Where several publish, ``reported`` counts those that the middleware says
-    it lost.
+    A publisher numbers its messages from 1, so that a lost message leaves a gap in the numbers.
+    The numbers of several publishers are mixed: there the count of the middleware is used.
+
+    Attributes
+    ----------
+    received
+        Messages received.
+    reported
+        Messages that the middleware reported as lost.
+    shared
+        Whether the topic has several publishers.
+    last
+        Number of the last message, 0 before the first one.  None if the publisher may have
+        started before the recorder: its first number then means nothing.
+
     """
 
     received: int = 0
@@ -33,44 +67,84 @@ class Tally:
 
     @property
     def lost(self) -> int:
-        """Return the number of messages that were sent and did not come."""
+        """Return the number of messages that were published and not received."""
         return self.reported if self.shared else self._gaps
 
     def add(self, number: int) -> None:
         """Count a message by its publisher's number."""
         self.received += 1
         if self.last is not None:
-            # A smaller number is that of a publisher that was started again.
+            # The number is smaller where the publisher was restarted.
             self._gaps += max(0, number - self.last - 1)
         self.last = number
 
 
-def bag_of_life(bag: Path, lives: int) -> Path:
-    """Return the bag of a recorder that was started so often before: each has its own."""
-    return bag.with_name(f'{bag.name}-{lives + 1}') if lives else bag
+@dataclass(frozen=True)
+class RecordingSummary:
+    """
+    What a recorder left in a folder.
+
+    Attributes
+    ----------
+    folder
+        The folder of the bag.
+    exists
+        Whether anything is there.
+    finished
+        Whether the recorder closed the bag; the counts are 0 otherwise.
+    messages, topics
+        Their numbers.
+    losses
+        Lost messages by topic, only topics that lost some.
+
+    """
+
+    folder: Path
+    exists: bool = True
+    finished: bool = False
+    messages: int = 0
+    topics: int = 0
+    losses: Mapping[str, int] | None = None
+
+    def __str__(self) -> str:
+        if not self.exists:
+            return f'nothing was recorded in {self.folder}'
+        if not self.finished:
+            return f'recording ended early; the bag in {self.folder} is good up to there'
+        losses = self.losses or {}
+        each = ', '.join(f'{count} on {name}' for name, count in losses.items())
+        return (f'recorded {self.messages} messages on {self.topics} topics in {self.folder}, '
+                f'{sum(losses.values())} lost' + (f': {each}' if each else ''))
 
 
-def bags_of(bag: Path) -> list[Path]:
-    """Return the bags of a run: one, and one more for each restart of its recorder."""
-    found = itertools.takewhile(Path.exists, (bag_of_life(bag, n) for n in itertools.count(1)))
-    return [bag, *found]
-
-
-def describe_bag(folder: Path) -> str:
-    """Say in a line what a recorder left in a folder."""
+def summarize_recording(folder: Path) -> RecordingSummary:
+    """Return what a recorder left in a folder."""
     if not (folder.is_dir() and any(folder.iterdir())):
-        return f'nothing was recorded in {folder}'
+        return RecordingSummary(folder, exists=False)
+    information = _information(folder)
+    losses = (information.get('custom_data') or {}).get(CUSTOM_LOSSES)
+    if losses is None:
+        return RecordingSummary(folder)
+    return RecordingSummary(
+        folder, finished=True, messages=information['message_count'],
+        topics=len(information['topics_with_message_count']), losses=json.loads(losses))
+
+
+def _information(folder: Path) -> dict[str, Any]:
+    """Return the metadata of a bag; nothing if the disk was full when they were to be written."""
     try:
         tree = yaml.safe_load((folder / METADATA_FILE).read_text(encoding='utf-8'))
     except OSError:
-        tree = None
-    # A disk may have been full before there were any, or when they were written.
-    information = (tree or {}).get('rosbag2_bagfile_information') or {}
-    losses = (information.get('custom_data') or {}).get(CUSTOM_LOSSES)
-    if losses is None:
-        return f'recording ended early; the bag in {folder} is good up to there'
-    lost = json.loads(losses)
-    each = ', '.join(f'{count} on {name}' for name, count in lost.items())
-    return (f'recorded {information["message_count"]} messages on '
-            f'{len(information["topics_with_message_count"])} topics in {folder}, '
-            f'{sum(lost.values())} lost' + (f': {each}' if each else ''))
+        return {}
+    return (tree or {}).get(INFORMATION) or {}
+
+
+def restarted_bag(bag: Path, restarts: int) -> Path:
+    """Return the bag of a recorder after some restarts: each start writes its own."""
+    return bag.with_name(f'{bag.name}-{restarts + 1}') if restarts else bag
+
+
+def bags_of_run(bag: Path) -> list[Path]:
+    """Return the bags of a run: one, and one more for each restart of its recorder."""
+    more = (restarted_bag(bag, restarts) for restarts in itertools.count(1))
+    return [bag, *itertools.takewhile(Path.exists, more)]

@@ -1,121 +1,95 @@
-"""The storages of ``rosbags``, made to keep what is written up to the last second."""
+"""What the two storage formats of bags have in common: topics, and the interfaces to them."""
 
 from __future__ import annotations
 
-from collections import defaultdict
-from io import BytesIO
+from collections.abc import Collection
+from collections.abc import Iterator
+from collections.abc import Mapping
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-import struct
+from typing import Any
+from typing import NamedTuple
+from typing import Protocol
 
-from rosbags.interfaces import Connection
-from rosbags.rosbag2.enums import CompressionMode
-from rosbags.rosbag2.storage_mcap import Channel
-from rosbags.rosbag2.storage_mcap import McapWriter
-from rosbags.rosbag2.storage_mcap import PendingChunk
-from rosbags.rosbag2.storage_mcap import write_channel
-from rosbags.rosbag2.storage_mcap import write_string
-from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
-
-_CHUNK_BYTES = 2**20
-# Heads of records, as the MCAP specification has them: kind and length first.
-_CHUNK = struct.Struct('<BQQQQIIQ')
-_MESSAGE = struct.Struct('<BQHIQQ')
-_MESSAGE_INDEX = struct.Struct('<BQHI')
-_CHUNK_INDEX = struct.Struct('<QQQQI')
-_CHUNK_INDEX_END = struct.Struct('<QIQQ')
-_TIME_AND_PLACE, _TOPIC_AND_PLACE = struct.Struct('<QQ'), struct.Struct('<HQ')
+METADATA_VERSION, ROS_DISTRO = 9, 'jazzy'
+# The offered quality of service of a publisher, as rosbag2 writes it.
+Qos = Mapping[str, Any]
 
 
-class SteadyMcap(McapWriter):
+@dataclass(frozen=True)
+class Topic:
     """
-    MCAP with publish times and type hashes, flushed on request.
+    A topic of a bag.
 
-    A large message goes from its buffer to the file without being copied.
+    Attributes
+    ----------
+    number
+        Its number within the storage file.
+    name, msgtype
+        Its name, and a type such as ``sensor_msgs/msg/Image``.
+    digest
+        Hash of the type as DDS advertises it; ``''`` if the bag does not hold it.
+
     """
 
-    published_ns = 0
-    chunk: PendingChunk
-
-    def add_connection(self, connection: Connection, offered_qos_profiles: str) -> None:
-        """Write the channel of a topic with the hash of its type, as rosbag2 does."""
-        metadata = BytesIO()
-        for text in ('offered_qos_profiles', offered_qos_profiles,
-                     'topic_type_hash', connection.digest):
-            write_string(metadata, text)
-        self.channels.append(Channel(
-            connection.id, connection.msgtype, connection.topic, 'cdr', metadata.getvalue()))
-        self.channel_stats[connection.id] = 0
-        write_channel(self.chunk.bio, self.channels[-1], self.schemas)
-
-    def write(self, connection: Connection, timestamp: int, data: bytes | memoryview) -> None:
-        """Write a message with ``published_ns`` as its publish time."""
-        chunk = self.chunk
-        for item in (self, chunk):
-            item.message_start_time = min(timestamp, item.message_start_time)
-            item.message_end_time = max(timestamp, item.message_end_time)
-        self.channel_stats[connection.id] += 1
-        chunk.msgs[connection.id].append((timestamp, chunk.bio.tell()))
-        chunk.bio.write(_MESSAGE.pack(
-            0x05, 22 + len(data), connection.id, 0, timestamp, self.published_ns))
-        if chunk.bio.tell() + len(data) > _CHUNK_BYTES:
-            self.close_chunk(data)
-        else:
-            chunk.bio.write(data)
-
-    def close_chunk(self, last: bytes | memoryview = b'') -> None:
-        """Write the chunk, ended by the data of its last message where they are not in it yet."""
-        chunk, start = self.chunk, self.bio.tell()
-        times = chunk.message_start_time, chunk.message_end_time
-        size = chunk.bio.tell() + len(last)
-        self.bio.write(_CHUNK.pack(0x06, 40 + size, *times, size, 0, 0, size))
-        self.bio.write(chunk.bio.getbuffer())
-        self.bio.write(last)
-        end = self.bio.tell()
-        places = b''
-        for topic, messages in chunk.msgs.items():
-            places += _TOPIC_AND_PLACE.pack(topic, self.bio.tell())
-            length = _TIME_AND_PLACE.size * len(messages)
-            self.bio.write(_MESSAGE_INDEX.pack(0x07, 6 + length, topic, length))
-            self.bio.write(b''.join(_TIME_AND_PLACE.pack(*item) for item in messages))
-        index = BytesIO()
-        index.write(_CHUNK_INDEX.pack(*times, start, end - start, len(places)))
-        index.write(places)
-        index.write(_CHUNK_INDEX_END.pack(self.bio.tell() - end, 0, size, size))
-        self.chunks.append(index)
-        self.chunk = PendingChunk(2**63 - 1, 0, BytesIO(), defaultdict(list))
-
-    def sync(self) -> None:
-        """Hand what was written to the operating system."""
-        if self.chunk.msgs:
-            self.close_chunk()
-        self.bio.flush()
+    number: int
+    name: str
+    msgtype: str
+    digest: str = ''
 
 
-class SteadySqlite3(Sqlite3Writer):
-    """SQLite, committed on request; it has no place for publish times."""
+class StoredMessage(NamedTuple):
+    """A message in a storage file: number of its topic, time of receipt [ns], and its bytes."""
 
-    published_ns = 0
-
-    def __init__(self, path: Path, compression: CompressionMode) -> None:
-        super().__init__(path, compression)
-        # Large pages take large frames faster; an empty file can still change to them.
-        self.conn.execute('PRAGMA page_size = 65536')
-        self.conn.execute('VACUUM')
-        # Outlasts the end of the process; waiting for the disk would cost frames.
-        self.conn.execute('PRAGMA synchronous = OFF')
-
-    def sync(self) -> None:
-        """Hand what was written to the operating system."""
-        self.conn.commit()
+    number: int
+    logged_ns: int
+    data: bytes
 
 
-class Snapshot:
-    """Takes the place of a storage while the bag's metadata are written."""
+class StorageReader(Protocol):
+    """
+    A storage file, open for reading.
 
-    published_ns = 0
+    ``damage`` is why the file is not whole, ``''`` for a whole file; a damaged file is read up to
+    its damage.
+    """
+
+    damage: str
+
+    @property
+    def topics(self) -> Sequence[Topic]:
+        """Topics of the file."""
+
+    def messages(self, numbers: Collection[int]) -> Iterator[StoredMessage]:
+        """
+        Yield the messages of the topics with these numbers.
+
+        They come in the order of their log times, those of a damaged file in the order in which
+        they were written.
+        """
+
+    def close(self) -> None:
+        """Close the file."""
+
+
+class StorageWriter(Protocol):
+    """A storage file, open for writing; every method raises OSError on a full disk."""
 
     def __init__(self, path: Path) -> None:
-        self.path = path
+        """Create the file."""
 
-    def close(self, version: int, metadata: str) -> None:
-        """Leave the storage open."""
+    def add_topic(self, topic: Topic, definition: str, qos: str) -> None:
+        """Add a topic with the definition of its type and its quality of service as YAML."""
+
+    def write(self, number: int, data: bytes, logged_ns: int, published_ns: int) -> None:
+        """Write a message of the topic with this number."""
+
+    def flush(self) -> None:
+        """Hand all messages to the operating system: they outlast the process."""
+
+    def close(self, metadata: str) -> None:
+        """Write the index and the metadata of the bag, and close the file."""
+
+    def abort(self) -> None:
+        """Close the file as it is."""

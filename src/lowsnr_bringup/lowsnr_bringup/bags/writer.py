@@ -1,9 +1,8 @@
 """
-Writing rosbag2 bags that are whole up to the last second, whatever ends the writer.
+Writing rosbag2 bags that are readable up to the last ``sync``, however the writer ends.
 
-The files are written by ``rosbags``; every second all that came is handed to the operating
-system, with metadata that name every topic.  A bag whose writer was killed lacks the index at
-its end and has old counts, which :mod:`lowsnr_bringup.bags.reader` makes do without.
+A bag whose writer was killed lacks the index at its end, and its metadata hold old counts;
+:mod:`lowsnr_bringup.bags.reader` reads it all the same.
 """
 
 from __future__ import annotations
@@ -18,17 +17,22 @@ import sqlite3
 from types import TracebackType
 from typing import Any
 
-from lowsnr_bringup.bags.definitions import type_definition
-from lowsnr_bringup.bags.storage import Snapshot
-from lowsnr_bringup.bags.storage import SteadyMcap
-from lowsnr_bringup.bags.storage import SteadySqlite3
-from rosbags.interfaces import Connection
-from rosbags.interfaces import Qos
-from rosbags.rosbag2 import StoragePlugin
-from rosbags.rosbag2 import Writer
+from lowsnr_bringup.bags.bag_files import INFORMATION
+from lowsnr_bringup.bags.bag_files import METADATA_FILE
+from lowsnr_bringup.bags.errors import UnusableFile
+from lowsnr_bringup.bags.mcap_storage import McapStorageWriter
+from lowsnr_bringup.bags.sqlite_storage import SqliteStorageWriter
+from lowsnr_bringup.bags.storage import METADATA_VERSION
+from lowsnr_bringup.bags.storage import Qos
+from lowsnr_bringup.bags.storage import ROS_DISTRO
+from lowsnr_bringup.bags.storage import StorageWriter
+from lowsnr_bringup.bags.storage import Topic
+from lowsnr_bringup.bags.type_definitions import type_definition
+import yaml
 
-_PLUGINS = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
-METADATA_FILE = 'metadata.yaml'
+_STORAGES: Mapping[str, tuple[str, type[StorageWriter]]] = {
+    'mcap': ('.mcap', McapStorageWriter), 'sqlite3': ('.db3', SqliteStorageWriter)}
+STORAGES = tuple(_STORAGES)
 
 
 class BagWriter:
@@ -42,27 +46,35 @@ class BagWriter:
     storage
         ``'mcap'`` or ``'sqlite3'``.
     custom
-        Texts by name that the bag's metadata shall carry.
+        Texts by name that the metadata of the bag carry.
 
     Raises
     ------
-    ValueError
-        One line, if the folder exists or cannot be made.
+    UnusableFile
+        If the folder exists (reason ``exists``) or cannot be made (``not writable``).
 
     """
 
     def __init__(
         self, folder: Path, storage: str = 'mcap', custom: Mapping[str, str] | None = None,
     ) -> None:
-        refuse_existing(folder)
+        check_new(folder)
         self.folder = folder
-        self._bag = _Writer(folder, version=9, storage_plugin=_PLUGINS[storage])
-        self._bag.custom_data.update(custom or {})
+        self.custom = dict(custom or {})
+        self._format = storage
+        self._topics: dict[Topic, Sequence[Qos]] = {}
+        self._described = 0  # number of topics in the metadata on the disk
+        self._counts: dict[int, int] = {}
+        self._first_ns, self._last_ns = 2**63 - 1, 0
+        suffix, kind = _STORAGES[storage]
+        self._path = folder / f'{folder.name}{suffix}'
         try:
-            self._bag.open()
-            self._file = os.stat(self._bag.storage.path)
+            folder.mkdir()
+            self._storage: StorageWriter | None = kind(self._path)
+            self._file = os.stat(self._path)
         except (OSError, sqlite3.Error) as error:
-            raise ValueError(f'{folder}: the bag cannot be written: {error}') from None
+            raise UnusableFile(
+                folder, 'not writable', f'the bag cannot be written: {error}') from None
 
     def __enter__(self) -> BagWriter:
         return self
@@ -73,9 +85,16 @@ class BagWriter:
     ) -> None:
         self.close()
 
-    def add_topic(self, name: str, msgtype: str, qos: Sequence[Qos] = ()) -> Connection:
+    def add_topic(self, name: str, msgtype: str, qos: Sequence[Qos] = ()) -> Topic:
         """
-        Add a topic with the definition and hash of its type; return what ``write`` wants.
+        Add a topic; return it for :meth:`write`.
+
+        Parameters
+        ----------
+        name, msgtype
+            Its name, and a type such as ``sensor_msgs/msg/Image``.
+        qos
+            What its publishers offer.
 
         Raises
         ------
@@ -84,11 +103,14 @@ class BagWriter:
 
         """
         definition = type_definition(msgtype)
-        return self._bag.add_connection(
-            name, msgtype, msgdef=definition.text, rihs01=definition.digest,
-            offered_qos_profiles=qos)
+        topic = Topic(len(self._topics) + 1, name, msgtype, definition.digest)
+        self._open_storage.add_topic(
+            topic, definition.text, yaml.safe_dump([*qos], sort_keys=False).strip())
+        self._topics[topic] = qos
+        self._counts[topic.number] = 0
+        return topic
 
-    def write(self, topic: Connection, data: bytes, logged_ns: int, published_ns: int) -> None:
+    def write(self, topic: Topic, data: bytes, logged_ns: int, published_ns: int) -> None:
         """
         Write a serialized message.
 
@@ -99,7 +121,7 @@ class BagWriter:
         data
             The message in CDR.
         logged_ns, published_ns
-            When it came and when it was sent [ns]; SQLite keeps the first only.
+            When it was received and when it was sent [ns]; SQLite keeps the first only.
 
         Raises
         ------
@@ -107,16 +129,14 @@ class BagWriter:
             If the disk is full or fails.
 
         """
-        self._bag.storage.published_ns = published_ns
-        self._bag.write(topic, logged_ns, data)
-
-    def tell(self, key: str, text: str) -> None:
-        """Have the metadata carry a text."""
-        self._bag.set_custom_data(key, text)
+        self._open_storage.write(topic.number, data, logged_ns, published_ns)
+        self._counts[topic.number] += 1
+        self._first_ns = min(logged_ns, self._first_ns)
+        self._last_ns = max(logged_ns, self._last_ns)
 
     def sync(self) -> None:
         """
-        Make the bag whole up to here, whatever comes.
+        Make the bag readable up to here, even if the process is killed.
 
         Raises
         ------
@@ -124,58 +144,82 @@ class BagWriter:
             If the disk is full or fails; FileNotFoundError if the bag was removed.
 
         """
-        self._bag.sync()
-        if not os.path.samestat(self._file, os.stat(self._bag.storage.path)):
+        self._open_storage.flush()
+        if not os.path.samestat(self._file, os.stat(self._path)):
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
+        if self._described < len(self._topics):
+            self._write_metadata()
+            self._described = len(self._topics)
 
     def close(self) -> None:
-        """Write index and metadata."""
-        if self._bag.storage is not None:
-            self._bag.close()
+        """Write index and metadata; raises as :meth:`sync`."""
+        if self._storage is not None:
+            self._storage.close(yaml.safe_dump(self._metadata(), sort_keys=False))
+            self._storage = None
+            self._write_metadata()
 
     def abort(self) -> None:
-        """Close where nothing more can be written; what was synced stays."""
-        with suppress(OSError, sqlite3.Error):
-            self._bag.abort()
+        """Close the bag after an error; everything up to the last ``sync`` stays."""
+        storage, self._storage = self._storage, None
+        if storage is not None:
+            with suppress(OSError, sqlite3.Error):
+                storage.abort()
+
+    @property
+    def _open_storage(self) -> StorageWriter:
+        if self._storage is None:
+            raise ValueError(f'{self.folder}: the bag is closed')
+        return self._storage
+
+    def _write_metadata(self) -> None:
+        """Write the metadata to a draft, and put it in the place of the file."""
+        draft = self.folder / f'{METADATA_FILE}.draft'
+        draft.write_text(
+            yaml.safe_dump({INFORMATION: self._metadata()}, sort_keys=False), encoding='utf-8')
+        draft.replace(self.folder / METADATA_FILE)
+
+    def _metadata(self) -> dict[str, Any]:
+        """Return the metadata of the bag in version 9 of rosbag2, that of Jazzy."""
+        topics = [{
+            'topic_metadata': {
+                'name': topic.name, 'type': topic.msgtype, 'serialization_format': 'cdr',
+                'offered_qos_profiles': [dict(item) for item in qos],
+                'type_description_hash': topic.digest},
+            'message_count': self._counts[topic.number]} for topic, qos in self._topics.items()]
+        return {
+            'version': METADATA_VERSION, 'storage_identifier': self._format, **self._extent(),
+            'topics_with_message_count': topics,
+            'compression_format': '', 'compression_mode': '',
+            'relative_file_paths': [self._path.name],
+            'files': [{'path': self._path.name, **self._extent()}],
+            'custom_data': self.custom or None, 'ros_distro': ROS_DISTRO}
+
+    def _extent(self) -> dict[str, Any]:
+        """Return how much there is, and from when to when."""
+        return {
+            'starting_time': {'nanoseconds_since_epoch': self._first_ns},
+            'duration': {'nanoseconds': max(0, self._last_ns - self._first_ns)},
+            'message_count': sum(self._counts.values())}
 
 
-class _Writer(Writer):
-    """A writer whose metadata can be written at any time, not at the end alone."""
-
-    STORAGE_PLUGINS = {
-        StoragePlugin.MCAP: SteadyMcap, StoragePlugin.SQLITE3: SteadySqlite3}
-
-    described = 0
-    storage: Any
-
-    def sync(self) -> None:
-        storage = self.storage
-        storage.sync()
-        if self.described == len(self.connections):
-            return
-        self.described = len(self.connections)
-        self.storage = Snapshot(storage.path)
-        try:
-            super().close()
-        finally:
-            self.storage = storage
-
-
-def refuse_existing(folder: Path) -> None:
+def check_new(folder: Path) -> None:
     """
-    Check that nothing stands where a bag shall be written, and make the folders above it.
+    Check that a bag can be written here, and make the folders above it.
 
     Raises
     ------
-    ValueError
-        One line, if something does, or they cannot be made.
+    UnusableFile
+        If something is there (reason ``exists``), or the folders cannot be made
+        (``not writable``).
 
     """
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         exists = folder.exists() or folder.is_symlink()
     except OSError as error:
-        raise ValueError(f'{folder}: the bag cannot be written: {error.strerror}') from None
+        raise UnusableFile(
+            folder, 'not writable', f'the bag cannot be written: {error.strerror}') from None
     if exists:
-        raise ValueError(
-            f'{folder}: exists, and nothing is overwritten; name another folder for the bag')
+        raise UnusableFile(
+            folder, 'exists',
+            'exists, and nothing is overwritten; name another folder for the bag')

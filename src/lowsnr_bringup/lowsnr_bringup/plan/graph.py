@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from lowsnr_bringup.bags.settings import PlayerSettings
-from lowsnr_bringup.bags.settings import RecordingSettings
+from lowsnr_bringup.bags.recording import RecorderSettings
+from lowsnr_bringup.bags.replay import PlayerSettings
 from lowsnr_common.settings.config import build_settings
 from lowsnr_common.settings.config import declared_settings
 from lowsnr_common.settings.node_settings import DetectionSettings
@@ -36,7 +36,7 @@ SEEN = ('image_raw', 'ground_truth', 'ground_truth/odometry')
 KEY = 'ros__parameters'
 SETTINGS: dict[str, tuple[type, ...]] = {
     'sensor': (SimulationSettings,), 'tracker': (PdaMmpf,), 'evaluator': (RunSettings, Evaluation),
-    'player': (PlayerSettings,), 'recorder': (RecordingSettings,),
+    'player': (PlayerSettings,), 'recorder': (RecorderSettings,),
     'conditioner': (ConditioningSettings, TruthSettings), 'viewer': (ViewSettings,)}
 
 

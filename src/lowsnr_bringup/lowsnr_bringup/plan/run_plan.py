@@ -12,7 +12,7 @@ from typing import Any
 
 from lowsnr_bringup.bags.recorded_run import inspect_bag
 from lowsnr_bringup.bags.recorded_run import RecordedRun
-from lowsnr_bringup.bags.writer import refuse_existing
+from lowsnr_bringup.bags.writer import check_new
 from lowsnr_bringup.plan import graph
 from lowsnr_bringup.plan.config_files import load_config
 from lowsnr_bringup.plan.config_files import parse_override
@@ -120,7 +120,7 @@ def _inspected(
 ) -> RecordedRun | None:
     """Check where a run is recorded to; look at the camera, or through the bag."""
     if options.record is not None:
-        refuse_existing(options.record)
+        check_new(options.record)
     if topic := camera_topic(options):
         assert look is not None
         return look(topic)

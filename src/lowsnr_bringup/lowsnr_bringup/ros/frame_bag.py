@@ -1,4 +1,4 @@
-"""A bag of frames and truth, made without a node."""
+"""Writing a bag of frames and truth without a node."""
 
 from __future__ import annotations
 
@@ -11,24 +11,20 @@ from types import TracebackType
 from typing import Any
 
 from builtin_interfaces.msg import Time
+from lowsnr_bringup.bags.storage import Topic
 from lowsnr_bringup.bags.writer import BagWriter
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.core.records import Truth
 from lowsnr_common.ros import messages
-from nav_msgs.msg import Odometry
 import numpy as np
+from numpy.typing import NDArray
 from rclpy.serialization import serialize_message
-from rosbags.interfaces import Connection
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
-from vision_msgs.msg import Detection2DArray
 
 FRAME_ID = 'sensor'
 _INTEGER_ENCODINGS = {'uint8': 'mono8', 'uint16': 'mono16'}
-_TYPES = {
-    '/clock': Clock, '/image_raw': Image, '/ground_truth': Detection2DArray,
-    '/ground_truth/odometry': Odometry}
 
 
 class FrameBag:
@@ -42,20 +38,24 @@ class FrameBag:
     storage
         ``'mcap'`` or ``'sqlite3'``.
     custom
-        Texts by name that the bag's metadata shall carry.
+        Texts by name that the metadata of the bag carry.
+    frames_topic
+        Topic of the frames.
 
     Raises
     ------
-    ValueError
-        One line, if the folder exists or cannot be made.
+    UnusableFile
+        If the folder exists or cannot be made.
 
     """
 
     def __init__(
         self, folder: Path, storage: str = 'mcap', custom: Mapping[str, str] | None = None,
+        frames_topic: str = '/image_raw',
     ) -> None:
         self._bag = BagWriter(folder, storage, custom)
-        self._topics: dict[str, Connection] = {}
+        self._frames_topic = frames_topic
+        self._topics: dict[str, Topic] = {}
 
     def __enter__(self) -> FrameBag:
         return self
@@ -66,18 +66,23 @@ class FrameBag:
     ) -> None:
         self._bag.close()
 
-    def add(self, frame: np.ndarray, stamp_ns: int, truth: Sequence[Truth] | None) -> None:
+    def add(self, frame: NDArray[np.number], stamp_ns: int, truth: Sequence[Truth] | None) -> None:
         """
         Add a frame.
 
         Parameters
         ----------
         frame : (rows, cols) ndarray
-            Of 8 or 16 bits without sign, or of floating-point numbers.
+            Of type ``uint8``, ``uint16`` or floating point.
         stamp_ns
             Its time [ns].
         truth
-            Objects present in it, None where that is not known.
+            Objects present in it; None if they are not known.
+
+        Raises
+        ------
+        ValueError
+            If the frame is of another type.
 
         """
         header = Header(frame_id=FRAME_ID, stamp=Time(
@@ -90,27 +95,27 @@ class FrameBag:
                 self._write('/ground_truth/odometry', odometry, stamp_ns)
             self._write(
                 '/ground_truth', messages.estimates_to_array(objects, header, 1.0), stamp_ns)
-        self._write('/image_raw', _image(frame, header), stamp_ns)
+        self._write(self._frames_topic, _image(frame, header), stamp_ns)
 
     def sync(self) -> None:
-        """Make the bag whole up to here, whatever comes."""
+        """Make the bag readable up to here, even if the process is killed."""
         self._bag.sync()
 
     def _write(self, name: str, message: Any, stamp_ns: int) -> None:
         if name not in self._topics:
-            package, _, kind = _TYPES[name].__module__.partition('.')
-            self._topics[name] = self._bag.add_topic(
-                name, f'{package}/{kind.split(".")[0]}/{_TYPES[name].__name__}')
+            kind = type(message)
+            package, folder, _ = kind.__module__.split('.')
+            self._topics[name] = self._bag.add_topic(name, f'{package}/{folder}/{kind.__name__}')
         self._bag.write(self._topics[name], serialize_message(message), stamp_ns, stamp_ns)
 
 
-def _image(frame: np.ndarray, header: Header) -> Image:
+def _image(frame: NDArray[np.number], header: Header) -> Image:
     """Return a frame as an image of its own depth."""
     if np.issubdtype(frame.dtype, np.floating):
         return messages.frame_to_image(frame, header)
     encoding = _INTEGER_ENCODINGS.get(frame.dtype.name)
     if encoding is None:
-        raise ValueError(f'frames of {frame.dtype.name} cannot be stored; take uint8, uint16 '
+        raise ValueError(f'frames of {frame.dtype.name} cannot be stored; use uint8, uint16 '
                          'or floating-point numbers')
     data = array.array('B')
     data.frombytes(np.ascontiguousarray(frame).tobytes())

@@ -16,9 +16,9 @@ from lifecycle_msgs.srv import GetState
 from lowsnr_bringup.plan.graph import MANAGER
 from lowsnr_bringup.plan.graph import Node as GraphNode
 from lowsnr_bringup.ros.transition import PendingTransition
-from lowsnr_common.core.malformed import Malformed
+from lowsnr_common.core.records import Malformed
+from lowsnr_common.core.timeline import StampOrder
 from lowsnr_common.core.timeline import Timeline
-from lowsnr_common.core.timeline import Verdict
 from lowsnr_common.ros.inputs import drain
 from lowsnr_common.ros.messages import stamp_key
 from lowsnr_common.ros.qos import reliable
@@ -171,7 +171,7 @@ class Manager:
 
     def _on_clock(self, message: Clock) -> None:
         stamp = stamp_key(message.clock)
-        if self._timeline.judge(stamp) is not Verdict.LATE:
+        if self._timeline.classify(stamp) is not StampOrder.LATE:
             self.published += 1
             self.newest_ns = stamp
 

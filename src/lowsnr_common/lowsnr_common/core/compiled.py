@@ -1,4 +1,4 @@
-"""Loops that are compiled to machine code, and the numba that does it."""
+"""Compile loops to machine code with numba, at their first call."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ _DISPATCHERS: list[Any] = []
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """
-    Return a function that numba compiles when it is called first.
+    Return a function that numba compiles at its first call.
 
-    numba is imported then, not before: a process that runs no such loop does not wait for it.
-    The machine code is kept on disk, beside the source, or in the user's cache folder where
-    that cannot be written, or where ``NUMBA_CACHE_DIR`` says.  No operation is reordered, and
-    the interpreter is free for other threads meanwhile.  A compiled function may call others of
-    its module; those of another would not be compiled anew when they change.
+    numba is imported then and not before, so that a process that runs no such loop does not wait
+    for it.  The machine code is cached on disk: beside the source, in the user's cache folder
+    where that is read-only, or in ``NUMBA_CACHE_DIR``.  The compiler reorders no operation, and
+    other threads run meanwhile.  A compiled function may call others of its module, but none of
+    another module, because a change there would not compile it again.
     """
     @functools.wraps(function)
     def call(*args: Any) -> Any:
@@ -27,7 +27,7 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def variants() -> int:
-    """Return how many variants of functions, one for each types of arguments, are compiled."""
+    """Return the number of compiled variants, one for each function and types of arguments."""
     return sum(len(function.signatures) for function in _DISPATCHERS)
 
 
@@ -41,9 +41,9 @@ def _machine_code(function: FunctionType) -> Callable[..., Any]:
             known[name] = _machine_code(inner)
     plain = functools.wraps(function)(FunctionType(function.__code__, known))
     try:
-        made = numba.njit(plain, cache=True, **options)
+        dispatcher: Callable[..., Any] = numba.njit(plain, cache=True, **options)
     except RuntimeError:
-        # There is no folder that can be written: compiled anew in every process.
-        made = numba.njit(plain, **options)
-    _DISPATCHERS.append(made)
-    return made
+        # No folder can be written: every process compiles for itself.
+        dispatcher = numba.njit(plain, **options)
+    _DISPATCHERS.append(dispatcher)
+    return dispatcher

@@ -11,12 +11,13 @@ arXiv 1811.08021, there for s = 0 and a whole state d)::
     G_{k+1,k} = F - G_{k+1,N} A F,       R = s^2 I + H C_{N|k+1} H'
     Cov(e_{k+1}) = Q - G_{k+1,N} A Q,    C_{N|k} = sum_{n<N-k} F^n Q (F^n)'
 
-and a state x_k is to be expected in proportion to ``p(d | x_k) = N(d; H F^(N-k) x_k, R_k)``.
+and the likelihood of a state x_k is ``p(d | x_k) = N(d; H F^(N-k) x_k, R_k)``.
 
-Note: the destination need not be right.  An object is bound for it with probability p, and d is
-as likely anywhere in the frame, of area B, for one that is not.  A state is then favoured by
-``h_k(x) = 1 - p + p B N(d; H F^(N-k) x, R_k)``, and no state is ruled out.  After frame N the
-motion is the base motion again, whether the object has stopped there or not.
+Note: the destination need not be right.  An object is bound for it with probability p; for an
+object that is not, d is uniform in the frame, of area B.  The likelihood of a state, relative to
+that of an object that is not bound for d, is then the arrival likelihood
+``h_k(x) = 1 - p + p B N(d; H F^(N-k) x, R_k)``, which is never zero.  After frame N the motion is
+the base motion again, whether or not the object has stopped there.
 """
 
 from __future__ import annotations
@@ -34,10 +35,10 @@ import numpy as np
 
 @dataclass(frozen=True, kw_only=True)
 class Destination:
-    """Where objects are bound for, when they are to arrive, and how sure that is."""
+    """Where objects are bound for, when they arrive, and how uncertain that is."""
 
     probability: float = setting(
-        0.0, 'probability that an object is bound for the destination, 0 to reckon with none',
+        0.0, 'probability that an object is bound for the destination, 0 for no destination',
         ge=0.0, lt=1.0)
     x_m: float = setting(0.0, 'position of the destination along the columns [m]')
     y_m: float = setting(0.0, 'position of the destination along the rows, down [m]')
@@ -46,14 +47,14 @@ class Destination:
     arrival_frame: int = setting(
         40, 'frame of the arrival, counted from the first that the detector gets', ge=1)
     acceleration_density: float = setting(
-        0.01, 'how far objects stray on their way: spectral density of acceleration per axis of '
-        'the motion up to the arrival, turns included [m^2/s^3]', ge=0.0)
+        0.01, 'process noise up to the arrival, turns included: spectral density of acceleration '
+        'per axis [m^2/s^3]', ge=0.0)
 
     def __post_init__(self) -> None:
         check_settings(self)
 
     def is_ahead(self, frame: int) -> bool:
-        """Return whether a frame is one up to the arrival at a destination."""
+        """Return whether there is a destination and a frame is not after the arrival."""
         return self.probability > 0.0 and frame <= self.arrival_frame
 
     def look_ahead(self, frame: int, period_s: float) -> tuple[float, float]:
@@ -61,16 +62,16 @@ class Destination:
         left_s = (self.arrival_frame - frame) * period_s
         return left_s, self.std_m**2 + self.acceleration_density * left_s**3 / 3.0
 
-    def favour(
+    def arrival_likelihood(
         self, position_m: np.ndarray, variance_m2: np.ndarray | float, area_m2: float,
     ) -> np.ndarray:
         """
-        Return h, how much a state is to be favoured for where it leads to.
+        Return h, the likelihood of the destination given the position at the arrival.
 
         Parameters
         ----------
         position_m : (..., 2) ndarray
-            Position x, y that it leads to at the arrival [m].
+            Expected position x, y at the arrival [m].
         variance_m2 : (..., 2) ndarray or float
             Variance of the destination about it, in each direction [m^2].
         area_m2
@@ -79,13 +80,13 @@ class Destination:
         Returns
         -------
         (...,) ndarray
-            Factor of its probability, at least ``1 - probability``.
+            Relative to an object that is not bound for it; at least ``1 - probability``.
 
         """
         variance = np.broadcast_to(variance_m2, position_m.shape)
         square = np.sum((position_m - (self.x_m, self.y_m))**2 / variance, axis=-1)
         density = np.exp(-0.5 * square) / (2.0 * np.pi * np.sqrt(variance.prod(axis=-1)))
-        return 1.0 - self.probability + self.probability * area_m2 * density
+        return np.asarray(1.0 - self.probability + self.probability * area_m2 * density)
 
 
 def bridge_gain(
@@ -97,7 +98,7 @@ def bridge_gain(
     Parameters
     ----------
     destination
-        Where it leads.
+        Destination of the step.
     density
         Process noise of the step [m^2/s^3].
     frame
@@ -108,9 +109,9 @@ def bridge_gain(
     Returns
     -------
     (2,) ndarray
-        Share of what is missing to the destination that position and velocity are given [1, 1/s].
+        Gain of position and velocity on the distance that is left to the destination [1, 1/s].
     float
-        Variance ``A Q A' + R`` of the destination as it is seen before the step [m^2].
+        Variance ``A Q A' + R`` of the destination given the state before the step [m^2].
 
     """
     left_s, variance = destination.look_ahead(frame, period_s)
@@ -127,9 +128,9 @@ def move_towards(
     """
     Draw x_{k+1} given x_k, the mode r_{k+1} and the destination.
 
-    The rest of the way is taken to be straight, with the noise that the destination states; how
-    much likelier or less likely a turn makes the arrival is in the weight.  A birth is weighed by
-    ``h(x)`` (:func:`favour_of_states`).
+    The motion after the step is taken to be straight, with the process noise of the destination.
+    The weight is the ratio of the arrival likelihoods after and before the step, so that it
+    accounts for turns.  The weight of a birth is ``h(x)`` (:func:`state_likelihood`).
 
     Parameters
     ----------
@@ -155,32 +156,34 @@ def move_towards(
     (..., N, 4) ndarray
         States x_{k+1}.
     (..., N) ndarray
-        Log weight, zero for straight motion with the noise that the destination states [nat].
+        Log weight, zero for straight motion with the process noise of the destination [nat].
 
     """
     left_s, variance = destination.look_ahead(frame, period_s)
     gain, total = bridge_gain(destination, motion.acceleration_density, frame, period_s)
     turned = np.einsum(
         '...ij,...j->...i', motion.transition_matrices(period_s)[modes], states)
-    favour = destination.favour(turned[..., POS] + left_s * turned[..., VEL], total, area_m2)
+    after = destination.arrival_likelihood(
+        turned[..., POS] + left_s * turned[..., VEL], total, area_m2)
     moved = motion.move(states, modes, period_s, rng)
-    # A draw of the base motion and one of the destination, corrected by what they miss each
-    # other: a draw of the motion given the destination.
+    # A draw of the base motion and one of the destination, corrected by the distance between
+    # them, is a draw of the motion given the destination.
     missing = (
         np.array([destination.x_m, destination.y_m])
         + np.sqrt(variance) * rng.standard_normal((*modes.shape, 2))
         - moved[..., POS] - left_s * moved[..., VEL])
-    bound = favour * rng.random(modes.shape) >= 1.0 - destination.probability
+    bound = after * rng.random(modes.shape) >= 1.0 - destination.probability
     missing *= bound[..., None]
     moved[..., POS] += gain[0] * missing
     moved[..., VEL] += gain[1] * missing
-    before = favour_of_states(destination, states, frame - 1, period_s, area_m2)
-    return moved, np.log(favour / before)
+    before = state_likelihood(destination, states, frame - 1, period_s, area_m2)
+    return moved, np.log(after / before)
 
 
-def favour_of_states(
+def state_likelihood(
     destination: Destination, states: np.ndarray, frame: int, period_s: float, area_m2: float,
 ) -> np.ndarray:
-    """Return h_k of states (..., 4) in a frame k up to the arrival, (...,)."""
+    """Return the arrival likelihood h_k of states (..., 4) in a frame k up to the arrival."""
     left_s, variance = destination.look_ahead(frame, period_s)
-    return destination.favour(states[..., POS] + left_s * states[..., VEL], variance, area_m2)
+    return destination.arrival_likelihood(
+        states[..., POS] + left_s * states[..., VEL], variance, area_m2)

@@ -1,4 +1,4 @@
-"""How likely a frame is for objects anywhere, not only at the centre of a cell."""
+"""Likelihood ratios of a frame for states anywhere in it, and scaled ones of all cells."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from lowsnr_common.core.particle_kernels import blurred_ratio
 from lowsnr_common.core.particle_kernels import cell_ratio
 import numpy as np
 
-# Rows that are worked on one step after the other, so that they stay near.
+# Rows that pass through all steps together, so that they stay in the cache of the processor.
 _BLOCK = 32
 
 
@@ -17,8 +17,8 @@ def state_log_ratio(
     """
     Log-likelihood ratio of "object in this state" against "noise only".
 
-    Without blur that of the cell which holds the state, eq. (3); with blur the sum of
-    ``h (2 z - h) / (2 sigma^2)``, h of eq. (2), over the cells the point spread reaches.
+    Without blur it is the ratio of the cell that holds the state, eq. (3); with blur it is the
+    sum of ``h (2 z - h) / (2 sigma^2)``, h of eq. (2), over the cells the point spread reaches.
 
     Parameters
     ----------
@@ -36,23 +36,23 @@ def state_log_ratio(
 
     """
     frames = np.ascontiguousarray(frame, dtype=float).reshape(-1, *frame.shape[-2:])
-    clouds = np.ascontiguousarray(states).reshape(len(frames), -1, 4)
+    particles = np.ascontiguousarray(states).reshape(len(frames), -1, 4)
     size, variance = sensor.cell_size_m, sensor.noise_std**2
     if sensor.blur_m == 0.0:
         ratio = cell_ratio(
-            frames, clouds, size, sensor.intensity, sensor.intensity / (2.0 * variance))
+            frames, particles, size, sensor.intensity, sensor.intensity / (2.0 * variance))
     else:
         peak = sensor.intensity * size**2 / (2.0 * np.pi * sensor.blur_m**2)
-        ratio = blurred_ratio(frames, clouds, size, sensor.blur_reach, sensor.blur_m, peak)
+        ratio = blurred_ratio(frames, particles, size, sensor.blur_reach, sensor.blur_m, peak)
         ratio /= 2.0 * variance
-    return ratio.reshape(states.shape[:-1])
+    return np.asarray(ratio).reshape(states.shape[:-1])
 
 
 def relative_likelihood(
     sensor: SensorModel, frame: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """
-    Likelihood ratio of each cell, over that of the likeliest.
+    Likelihood ratio of each cell, divided by the largest of the frame.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def relative_likelihood(
     (..., rows, cols) ndarray
         Ratios, at most 1.
     (...,) ndarray
-        Log of the largest before [nat].
+        Log of the largest ratio [nat].
 
     """
     if sensor.blur_m > 0.0:

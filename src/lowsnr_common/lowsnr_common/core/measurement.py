@@ -1,5 +1,5 @@
 """
-The imaging sensor, eqs. (2) to (4): what a frame holds, and how likely that is.
+The imaging sensor, eqs. (2) to (4): the signal of an object and the likelihood of a frame.
 
 The paper's cell (i, j) is column i, row j of a frame.  Pixel centres lie at integer
 coordinates from 0, so the cell of a position is the nearest integer to
@@ -18,7 +18,7 @@ from lowsnr_common.settings.config import setting
 import numpy as np
 import scipy
 
-# Cells further than this many blur widths from the object get less than 1e-5 of its peak.
+# Beyond so many blur widths the point spread is below exp(-5^2 / 2) = 4e-6 of its peak.
 _REACH = 5.0
 
 
@@ -41,8 +41,8 @@ class SensorModel:
 
     @property
     def intensity(self) -> float:
-        """Object intensity I that the SNR stands for, in units of the frame."""
-        return self.noise_std * 10.0 ** (self.snr_db / 20.0)
+        """Object intensity I, ``sigma 10^(SNR / 20)``, in units of the frame."""
+        return float(self.noise_std * 10.0 ** (self.snr_db / 20.0))
 
     def cells(self, states: np.ndarray) -> np.ndarray:
         """
@@ -60,7 +60,8 @@ class SensorModel:
 
         """
         pixel = states[..., POS[::-1]] / self.cell_size_m
-        return np.floor(pixel + 0.5).astype(np.intp)
+        cells: np.ndarray = np.floor(pixel + 0.5).astype(np.intp)
+        return cells
 
     def signal(self, state: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
         """
@@ -88,14 +89,15 @@ class SensorModel:
         size = self.cell_size_m
         dx = np.arange(shape[1]) * size - state[POS[0]]
         dy = np.arange(shape[0])[:, None] * size - state[POS[1]]
-        return self._peak * np.exp(-(dx**2 + dy**2) / (2 * self.blur_m**2))
+        spread: np.ndarray = np.exp(-(dx**2 + dy**2) / (2 * self.blur_m**2))
+        return self._peak * spread
 
     def log_likelihood_ratio(self, frame: np.ndarray) -> np.ndarray:
         """
-        Log-likelihood ratio of "object at the centre of this cell" against "noise only".
+        Return the log-likelihood ratio of "object at the centre of this cell" to "noise only".
 
-        Without blur the ratio below eq. (4), ``I (2 z - I) / (2 sigma^2)``; with blur the
-        sum of ``h (2 z - h) / (2 sigma^2)`` over the cells the point spread reaches.
+        Without blur it is the ratio below eq. (4), ``I (2 z - I) / (2 sigma^2)``; with blur it is
+        the sum of ``h (2 z - h) / (2 sigma^2)`` over the cells that the point spread reaches.
 
         Parameters
         ----------
@@ -110,7 +112,7 @@ class SensorModel:
         """
         if self.blur_m == 0.0:
             intensity = self.intensity
-            ratio = np.multiply(frame, 2.0, dtype=float)
+            ratio: np.ndarray = np.multiply(frame, 2.0, dtype=float)
             ratio -= intensity
             ratio *= intensity / (2.0 * self.noise_std**2)
             return ratio
@@ -119,11 +121,12 @@ class SensorModel:
         matched = _separable(frame, self._spread, axes)
         ones = np.ones(frame.shape[-2:])
         energy = self._peak * _separable(ones, self._spread**2, (0, 1))
-        return self._peak * (2.0 * matched - energy) / (2.0 * self.noise_std**2)
+        ratio = self._peak * (2.0 * matched - energy) / (2.0 * self.noise_std**2)
+        return ratio
 
     @property
     def blur_reach(self) -> int:
-        """Cells from an object's cell to the last that its point spread reaches."""
+        """Largest distance from an object's cell that its point spread reaches [cells]."""
         return 0 if self.blur_m == 0.0 else math.ceil(_REACH * self.blur_m / self.cell_size_m)
 
     @property
@@ -135,11 +138,12 @@ class SensorModel:
     def _spread(self) -> np.ndarray:
         """One axis of the point spread around a cell centre, peak one, (2 reach + 1,)."""
         offsets = np.arange(-self.blur_reach, self.blur_reach + 1) * self.cell_size_m
-        return np.exp(-offsets**2 / (2.0 * self.blur_m**2))
+        spread: np.ndarray = np.exp(-offsets**2 / (2.0 * self.blur_m**2))
+        return spread
 
 
 def _separable(frame: np.ndarray, kernel: np.ndarray, axes: tuple[int, int]) -> np.ndarray:
-    """Convolve the two given axes with a symmetric kernel, zero outside the frame."""
+    """Convolve two axes of a frame with a symmetric kernel; the frame is zero outside."""
     for axis in axes:
         frame = scipy.ndimage.correlate1d(frame, kernel, axis=axis, mode='constant')
     return frame

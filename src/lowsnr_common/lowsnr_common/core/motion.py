@@ -3,16 +3,16 @@ Object motion, Section II of the paper: eq. (1), several modes, Markov switching
 
 A state is ``[p_x, v_x, p_y, v_y]`` in metres and metres a second.  A mode is a turn
 rate: zero is the constant-velocity model of eq. (1), any other value a coordinated
-turn.  Where modes switch, they switch first and move then: the mode r_k drawn from
-r_(k-1) governs the step from x_(k-1) to x_k.
+turn.  Modes switch first, then states move: the mode r_k drawn from r_(k-1) governs
+the step from x_(k-1) to x_k.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from lowsnr_common.core.particle_kernels import moved
-from lowsnr_common.core.particle_kernels import switched
+from lowsnr_common.core.particle_kernels import move_states
+from lowsnr_common.core.particle_kernels import switch_modes
 from lowsnr_common.settings.config import check_settings
 from lowsnr_common.settings.config import setting
 import numpy as np
@@ -74,7 +74,7 @@ def process_noise_cov(dt: float, density: float) -> np.ndarray:
 
 
 def process_noise_sqrt(dt: float, density: float) -> np.ndarray:
-    """Return the lower Cholesky factor of Q, (4, 4); zero where density is."""
+    """Return the lower Cholesky factor of Q, (4, 4); zero for no noise."""
     if dt == 0.0 or density == 0.0:
         return np.zeros((4, 4))
     return np.linalg.cholesky(process_noise_cov(dt, density))
@@ -85,9 +85,8 @@ class MotionModes:
     """
     A set of motion modes and the Markov chain that switches between them.
 
-    The mode probabilities follow a continuous-time chain that leaves its mode at a
-    constant rate for each of the others alike, so that an uneven frame cadence is
-    treated consistently.
+    The mode follows a continuous-time Markov chain that leaves it at a constant rate, for
+    each of the other modes alike, so that uneven time steps are treated consistently.
     """
 
     turn_rates_deg_s: tuple[float, ...] = setting(
@@ -103,7 +102,7 @@ class MotionModes:
     def __post_init__(self) -> None:
         check_settings(self)
         if not self.turn_rates_deg_s:
-            raise ValueError('MotionModes.turn_rates_deg_s is empty, must name at least one mode')
+            raise ValueError('MotionModes.turn_rates_deg_s is empty, must hold at least one mode')
         if self.min_speed_mps > self.max_speed_mps:
             raise ValueError(
                 f'MotionModes.min_speed_mps = {self.min_speed_mps}, must be at most '
@@ -115,7 +114,7 @@ class MotionModes:
         return len(self.turn_rates_deg_s)
 
     def single(self) -> MotionModes:
-        """Return the same motion with constant velocity as its only mode."""
+        """Return the same motion with constant velocity as the only mode."""
         return MotionModes(
             turn_rates_deg_s=(0.0,), mode_sojourn_s=self.mode_sojourn_s,
             acceleration_density=self.acceleration_density,
@@ -139,7 +138,8 @@ class MotionModes:
             return np.ones((1, 1))
         # Closed form of expm(rate * generator) for equal off-diagonal rates.
         decay = np.exp(-dt / self.mode_sojourn_s * self.count / (self.count - 1))
-        return decay * np.eye(self.count) + (1.0 - decay) / self.count
+        transition: np.ndarray = decay * np.eye(self.count) + (1.0 - decay) / self.count
+        return transition
 
     def switch(self, modes: np.ndarray, dt: float, rng: np.random.Generator) -> np.ndarray:
         """
@@ -164,7 +164,8 @@ class MotionModes:
             return modes
         cumulative = np.cumsum(self.mode_transition(dt), axis=1)[:, :-1]
         draw = rng.random(modes.shape).ravel()
-        return switched(modes.ravel(), draw, cumulative).reshape(modes.shape)
+        after: np.ndarray = switch_modes(modes.ravel(), draw, cumulative)
+        return after.reshape(modes.shape)
 
     def move(
         self, states: np.ndarray, modes: np.ndarray, dt: float, rng: np.random.Generator,
@@ -189,16 +190,16 @@ class MotionModes:
             States after the step.
 
         """
-        after = rng.standard_normal(states.shape)
+        after: np.ndarray = rng.standard_normal(states.shape)
         factor = process_noise_sqrt(dt, self.acceleration_density)
-        moved(
+        move_states(
             np.ascontiguousarray(states).reshape(-1, 4), modes.ravel(),
             self.transition_matrices(dt), factor, after.reshape(-1, 4))
         return after
 
     def draw_velocity(self, shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
         """
-        Draw velocities uniform in speed and direction within the stated limits.
+        Draw velocities, uniform in direction and in speed between its limits.
 
         Returns
         -------

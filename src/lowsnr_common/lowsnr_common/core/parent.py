@@ -1,4 +1,4 @@
-"""End a node when the process that started it is gone."""
+"""End a node when the process that started it has ended."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ LIFELINE = 'LOWSNR_LIFELINE'
 
 def follow_parent() -> None:
     """
-    End this process by SIGTERM once the starter's pipe closes.
+    End this process by SIGTERM once the pipe from the parent closes.
 
-    The starter passes the read end of a pipe and names it in the environment; without that
-    this does nothing.
+    The parent keeps the write end of a pipe, and names the read end in the environment variable
+    ``LOWSNR_LIFELINE``.  Without that variable this function does nothing.
     """
     pipe = os.environ.pop(LIFELINE, None)
     if pipe is not None:

@@ -1,8 +1,8 @@
 """
-Loops over particles.
+Compiled loops over particles.
 
-Each is one pass over B clouds of N particles; arrays are C-contiguous.  What they compute is
-said by the functions that call them, and held to plain NumPy by the tests.
+Each is one pass over B independent sets of N particles; arrays are C-contiguous.  The functions
+that call them document what they compute, and tests hold them equal to plain NumPy.
 """
 
 from __future__ import annotations
@@ -12,8 +12,13 @@ import numpy as np
 
 
 @compiled
-def switched(modes: np.ndarray, draw: np.ndarray, cumulative: np.ndarray) -> np.ndarray:
-    """Return the modes (N,) after ``modes`` (N,), by draws (N,) and the chain (M, M - 1)."""
+def switch_modes(modes: np.ndarray, draw: np.ndarray, cumulative: np.ndarray) -> np.ndarray:
+    """
+    Return the modes (N,) after ``modes`` (N,), drawn by inversion.
+
+    ``draw`` (N,) is uniform in [0, 1); ``cumulative`` (M, M - 1) holds the cumulative transition
+    probabilities without the last, which is one.
+    """
     after = np.empty_like(modes)
     for n in range(modes.size):
         count = 0
@@ -24,14 +29,14 @@ def switched(modes: np.ndarray, draw: np.ndarray, cumulative: np.ndarray) -> np.
 
 
 @compiled
-def moved(
+def move_states(
     states: np.ndarray, modes: np.ndarray, matrices: np.ndarray, factor: np.ndarray,
     noise: np.ndarray,
 ) -> None:
     """
-    Turn standard normal noise (N, 4) into the states that follow on states (N, 4).
+    Replace standard normal noise (N, 4) by the next states, ``F(mode) state + factor noise``.
 
-    ``matrices`` (M, 4, 4) are those of the modes (N,), ``factor`` (4, 4) the square root of Q.
+    ``matrices`` (M, 4, 4) holds F of each mode; ``factor`` (4, 4) is the Cholesky factor of Q.
     """
     position, speed, both = factor[0, 0], factor[1, 1], factor[1, 0]
     for n in range(len(states)):
@@ -49,7 +54,7 @@ def moved(
 def cell_ratio(
     frame: np.ndarray, states: np.ndarray, cell_size: float, intensity: float, scale: float,
 ) -> np.ndarray:
-    """Return ``(2 z - I) scale`` of the cell z that holds each state, -inf outside, (B, N)."""
+    """Return ``(2 z - I) scale`` of the cell z of each state, -inf outside, (B, N)."""
     runs, count = states.shape[:2]
     rows, cols = frame.shape[1:]
     ratio = np.empty((runs, count))
@@ -95,12 +100,13 @@ def blurred_ratio(
 
 
 @compiled
-def combed(weights: np.ndarray, draw: np.ndarray, count: int) -> np.ndarray:
+def systematic_indices(weights: np.ndarray, draw: np.ndarray, count: int) -> np.ndarray:
     """
-    Return the particles that a comb of ``count`` teeth hits, (B, count), in ascending order.
+    Return the particles that systematic resampling draws, (B, count), in ascending order.
 
-    ``weights`` (B, N) are at least 0 and need not sum to one, ``draw`` (B,) is where in its
-    share of the comb each tooth lies.  Where all weights are 0 they count as equal.
+    ``weights`` (B, N) are at least 0 and need not sum to one; weights that are all 0 count as
+    equal.  ``draw`` (B,) in [0, 1) places the points ``(i + draw) / count`` on the cumulative
+    weights.
     """
     runs, size = weights.shape
     chosen = np.empty((runs, count), dtype=np.intp)
@@ -116,10 +122,10 @@ def combed(weights: np.ndarray, draw: np.ndarray, count: int) -> np.ndarray:
             edges[:] = np.arange(1, size + 1)
             total, last = float(size), size - 1
         n = 0
-        for tooth in range(count):
-            at = (tooth + draw[run]) / count
-            # A tooth that rounding puts at 1.0 belongs to the last particle with weight.
-            while n < last and edges[n] / total <= at:
+        for i in range(count):
+            point = (i + draw[run]) / count
+            # A point that rounding puts at 1.0 belongs to the last particle with weight.
+            while n < last and edges[n] / total <= point:
                 n += 1
-            chosen[run, tooth] = n
+            chosen[run, i] = n
     return chosen

@@ -4,27 +4,28 @@ from __future__ import annotations
 
 import math
 
-from lowsnr_common.core.particle_kernels import combed
+from lowsnr_common.core.particle_kernels import systematic_indices
 import numpy as np
 
 
 def log_sum_exp(values: np.ndarray, axis: int = -1) -> np.ndarray:
     """
-    Return ``log(sum(exp(values)))`` along an axis; -inf where every value is.
+    Return ``log(sum(exp(values)))`` along an axis; -inf where all values are -inf.
 
     Parameters
     ----------
     values : (..., N) ndarray
         Logarithms; -inf means impossible.
     axis
-        Axis that is summed.
+        Axis of the sum.
 
     """
     peak = np.max(values, axis=axis, keepdims=True)
     peak = np.where(np.isfinite(peak), peak, 0.0)
     with np.errstate(divide='ignore'):
         total = np.log(np.sum(np.exp(values - peak), axis=axis))
-    return total + np.squeeze(peak, axis=axis)
+    shifted: np.ndarray = total + np.squeeze(peak, axis=axis)
+    return shifted
 
 
 def normalise(log_weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -39,9 +40,9 @@ def normalise(log_weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Returns
     -------
     (..., N) ndarray
-        Normalised log weights; uniform where every weight was zero.
+        Normalised log weights; uniform where every weight is zero.
     (...,) ndarray
-        Log of the sum they had.
+        Log of the sum of the weights.
 
     """
     total = log_sum_exp(log_weights)
@@ -53,21 +54,22 @@ def normalise(log_weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def effective_size(log_weights: np.ndarray) -> np.ndarray:
     """Return the effective sample size 1 / sum(w^2) of normalised log weights, (...,)."""
-    return np.exp(-log_sum_exp(2.0 * log_weights))
+    size: np.ndarray = np.exp(-log_sum_exp(2.0 * log_weights))
+    return size
 
 
 def systematic_resample(
     log_weights: np.ndarray, count: int, rng: np.random.Generator,
 ) -> np.ndarray:
     """
-    Draw indices in proportion to the weights, one uniform number a cloud.
+    Draw indices in proportion to the weights, with one uniform number for all.
 
     Every particle is drawn ``floor(n w)`` or ``ceil(n w)`` times (Kitagawa 1996).
 
     Parameters
     ----------
     log_weights : (..., N) ndarray
-        Log weights, normalised or not; at least one of a cloud is finite.
+        Log weights, normalised or not; those that are all -inf count as equal.
     count
         Number of indices n to draw.
     rng
@@ -83,26 +85,26 @@ def systematic_resample(
     peak = np.max(log_weights, axis=-1, keepdims=True)
     weights = np.exp(log_weights - np.where(np.isfinite(peak), peak, 0.0))
     draw = rng.random((*batch, 1))
-    return combed(
-        np.ascontiguousarray(weights).reshape(-1, size), draw.ravel(), count,
-    ).reshape(*batch, count)
+    chosen: np.ndarray = systematic_indices(
+        np.ascontiguousarray(weights).reshape(-1, size), draw.ravel(), count)
+    return chosen.reshape(*batch, count)
 
 
 def pick(values: np.ndarray, chosen: np.ndarray) -> np.ndarray:
     """
-    Return what the chosen particles have.
+    Return the values of the chosen particles.
 
     Parameters
     ----------
     values : (..., N) or (..., N, D) ndarray
         Modes, weights or states.
     chosen : (..., n) ndarray of int
-        Which of each cloud.
+        Indices along the axis of the particles.
 
     Returns
     -------
     (..., n) or (..., n, D) ndarray
-        Those, in the order of ``chosen``.
+        Values in the order of ``chosen``.
 
     """
     batch, size = chosen.shape[:-1], values.shape[chosen.ndim - 1]
@@ -117,7 +119,7 @@ def weighted_moments(
     states: np.ndarray, log_weights: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return mean and covariance of a cloud.
+    Return mean and covariance of weighted particles.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Records that cross package borders: what is true, what is declared, what is tracked."""
+"""Records that cross package borders: truth, estimates, and the error of a malformed message."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ class Truth:
     """
     An object present in a frame.
 
-    ``state`` is (4,) ``[p_x, v_x, p_y, v_y]`` in metres and m/s.
+    ``state`` is (4,) ``[p_x, v_x, p_y, v_y]`` in metres and m/s; ``snr_offset_db`` its SNR less
+    that of the sensor model [dB].
     """
 
     id: str  # noqa: A003
@@ -26,12 +27,30 @@ class Estimate:
     A declared detection or a track in one frame.
 
     ``state`` is (4,) ``[p_x, v_x, p_y, v_y]`` in metres and m/s, ``cov`` its (4, 4)
-    covariance; the velocity and its covariance are NaN where it is not estimated.
-    ``score`` is a probability.  ``id`` names what carries a whole state, and is empty
-    for a bare position.
+    covariance; the velocity and its covariance are NaN where they are not estimated.
+    ``score`` is a probability.  ``id`` names an estimate of a whole state, and is empty for a
+    position alone.
     """
 
     state: np.ndarray
     cov: np.ndarray
     score: float
     id: str = ''  # noqa: A003
+
+
+class Malformed(ValueError):
+    """
+    A message that cannot be used.
+
+    Parameters
+    ----------
+    reason
+        Why, in words that are the same for all such messages, for counting.
+    sentence
+        Why, with the values of this message.
+
+    """
+
+    def __init__(self, reason: str, sentence: str) -> None:
+        super().__init__(sentence)
+        self.reason = reason

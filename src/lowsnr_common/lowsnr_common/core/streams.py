@@ -1,10 +1,10 @@
-"""Random streams: one root seed, one independent stream for every use of it."""
+"""Random streams: from one root seed, an independent stream for each use and run."""
 
 from __future__ import annotations
 
 import numpy as np
 
-# Position in this list is the stream's key: append, never reorder.
+# The position in this tuple is the key of the stream: append, never reorder.
 _USES = ('truth', 'noise', 'detector', 'tracker', 'calibration')
 
 
@@ -12,8 +12,8 @@ def stream(seed: int, use: str, run: int = 0) -> np.random.Generator:
     """
     Return the generator of one use in one run.
 
-    It is the child that ``numpy.random.SeedSequence(seed).spawn`` gives for the run and then
-    for the use, reached directly, so that a node needs to know the seed only.
+    Its seed is the child that ``numpy.random.SeedSequence(seed).spawn`` yields for the run and
+    then for the use; a node needs the root seed alone to get it.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def stream(seed: int, use: str, run: int = 0) -> np.random.Generator:
     Raises
     ------
     ValueError
-        If there is no such use.
+        If the use is not one of these.
 
     """
     if use not in _USES:

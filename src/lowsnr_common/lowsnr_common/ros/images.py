@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lowsnr_common.core.malformed import Malformed
+from lowsnr_common.core.records import Malformed
 import numpy as np
 from sensor_msgs.msg import Image
 

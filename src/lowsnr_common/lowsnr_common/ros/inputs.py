@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import time
 from typing import Any
 
-from lowsnr_common.core.malformed import Malformed
+from lowsnr_common.core.records import Malformed
 from lowsnr_common.ros.connections import input_faults
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import qos_policy_name_from_kind

@@ -13,8 +13,8 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from lowsnr_common.core.parent import follow_parent
+from lowsnr_common.core.timeline import StampOrder
 from lowsnr_common.core.timeline import Timeline
-from lowsnr_common.core.timeline import Verdict
 from lowsnr_common.ros.connections import missing_peer
 from lowsnr_common.ros.connections import output_faults
 from lowsnr_common.ros.diagnostics import Health
@@ -151,17 +151,17 @@ class ManagedNode(SettingsNode):
     def is_new(self, source: str, stamp: Time) -> bool:
         """Whether a message is to be used by its stamp, see Timeline; refuses it otherwise."""
         timeline, key = self._timelines[source], stamp_key(stamp)
-        newest, verdict = timeline.newest, timeline.judge(key)
-        if verdict is Verdict.LATE:
+        newest, order = timeline.newest, timeline.classify(key)
+        if order is StampOrder.LATE:
             self.counts['late'] += 1
             self.refuse(f'{source}: stamp {key / 1e9:.14g} s is not after {newest / 1e9:.14g} s')
-        elif verdict is Verdict.SET_BACK:
+        elif order is StampOrder.SET_BACK:
             self.counts['set back'] += 1
             self.health.trouble = (
                 f'{source}: its clock was set back from {newest / 1e9:.14g} s to '
                 f'{key / 1e9:.14g} s; going on from there')
             self.get_logger().warning(self.health.trouble)
-        return verdict is not Verdict.LATE
+        return order is not StampOrder.LATE
 
     def report(self) -> None:
         """Publish counts, times and what is wrong."""

@@ -8,10 +8,10 @@ import sys
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseWithCovariance
-from lowsnr_common.core.malformed import Malformed
 from lowsnr_common.core.motion import POS
 from lowsnr_common.core.motion import VEL
 from lowsnr_common.core.records import Estimate
+from lowsnr_common.core.records import Malformed
 from lowsnr_common.ros.images import image_to_array
 from nav_msgs.msg import Odometry
 import numpy as np

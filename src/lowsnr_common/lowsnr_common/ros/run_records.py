@@ -14,7 +14,7 @@ import re
 from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.msg import KeyValue
-from lowsnr_common.core.malformed import Malformed
+from lowsnr_common.core.records import Malformed
 from lowsnr_common.ros.messages import stamp_key
 
 SCORED, RESTARTS = 'scored', 'restarts'

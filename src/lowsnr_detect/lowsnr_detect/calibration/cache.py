@@ -1,4 +1,4 @@
-"""Calibrations that were made before, one small file each, shared by all processes."""
+"""Calibration curves on disk, one small file each, shared by all processes."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ import numpy as np
 
 
 def default_folder() -> Path:
-    """Return ``$XDG_CACHE_HOME/lowsnr``, or ``~/.cache/lowsnr`` where that is not set."""
+    """Return ``$XDG_CACHE_HOME/lowsnr``, or ``~/.cache/lowsnr`` if the variable is not set."""
     base = os.environ.get('XDG_CACHE_HOME')
     return (Path(base) if base else Path.home() / '.cache') / 'lowsnr'
 
 
 def cache_key(cls: type, content: Mapping[str, Any]) -> str:
     """
-    Return a key that differs wherever the result might.
+    Return a key that differs for everything that the result depends on.
 
     Parameters
     ----------
     cls
-        Class of the detector; its code, and that of the modules it rests on, is part of the key.
+        Class of the detector; its code, and that of the modules it uses, is part of the key.
     content
-        Everything else that the result depends on, of JSON types.
+        All other values that the result depends on, of JSON types.
 
     """
     whole = {
@@ -44,7 +44,7 @@ def cache_key(cls: type, content: Mapping[str, Any]) -> str:
 
 
 def load(folder: Path, key: str) -> dict[str, Any] | None:
-    """Return what was kept under a key; None where there is nothing that can be read."""
+    """Return the record of a key; None if there is none that can be read."""
     try:
         found = json.loads((folder / f'{key}.json').read_text(encoding='utf-8'))
     except (OSError, ValueError):
@@ -54,10 +54,10 @@ def load(folder: Path, key: str) -> dict[str, Any] | None:
 
 def save(folder: Path, key: str, record: Mapping[str, Any]) -> None:
     """
-    Keep a record under a key: at once or not at all, whoever else writes or reads.
+    Write the record of a key in one step, so that other processes never read a part of it.
 
-    A folder that cannot be written costs no more than the time to calibrate again, so it
-    is a warning.
+    A folder that cannot be written costs only the time to calibrate again, so that it is a
+    warning.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -1,31 +1,46 @@
 """
-HMM: the Bayes-Markov filter on the grid of cells, exact for what its moves assume.
+HMM: the Bayes-Markov filter on the grid of cells, exact for the moves it assumes.
 
-The belief is the probability of every cell together with up to two last moves, and the
-existence of the object (Section V); frame by frame it is moved on, mixed with births and
-multiplied with the likelihood ratio of every cell.  Nothing is sampled and no path is dropped,
-so that no detector with the same assumptions does better.
+The hidden state is the existence E_k of the object (Section V), its cell c and its history of
+up to two last moves, x = (c, history).  With ``l_k(c)`` the likelihood ratio of a cell, eq. (4),
+``b(x)`` the distribution of a birth, uniform over the cells, and ``P(x | y)`` the probability
+of a move, the forward recursion (Rabiner 1989) is ::
+
+    a_k(x) = l_k(c) [ P_b (1 - p_{k-1}) b(x) + (1 - P_d) p_{k-1} sum_y P(x | y) g_{k-1}(y) ]
+    o_k    = (1 - P_b) (1 - p_{k-1}) + p_{k-1} [ P_d + (1 - P_d) (1 - inside_k) ]
+    log odds of E_k = 1:  ln sum_x a_k(x) - ln o_k,      g_k(x) = a_k(x) / sum_x a_k(x)
+
+where p is the probability of existence given Z^k, g that of x given existence, and inside_k the
+probability that the moved object is still in the frame.  No path is dropped and nothing is
+sampled, so that no detector with the same assumptions detects more.
+
+With a fixed lag the answer is about frame t = k - lag, given all frames to k.  With
+``beta_t(x)`` the likelihood of the frames after t given x, and ``beta_t(0)`` that given no
+object, the ratio ``r_t(x) = beta_t(x) / beta_t(0)`` follows backwards from r_k = 1 ::
+
+    r_{j-1}(x) = { (1 - P_d) sum_y P(y | x) l_j(y) r_j(y) + 1 - (1 - P_d) sum_y P(y | x) }
+                 / { 1 - P_b + P_b sum_y b(y) l_j(y) r_j(y) }
+
+(the second term of the numerator: the object died, or left the frame, before frame j), and ::
+
+    log odds of E_t = 1:  log odds after frame t + ln sum_x g_t(x) r_t(x)
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from dataclasses import field
-from dataclasses import replace
-from typing import ClassVar
 
 from lowsnr_common.core.destination import Destination
 from lowsnr_common.core.likelihood import relative_likelihood
-from lowsnr_common.core.measurement import SensorModel
-from lowsnr_common.core.motion import MotionModes
-from lowsnr_common.settings.config import check_settings
 from lowsnr_common.settings.config import setting
-from lowsnr_detect.parts.destination_moves import favoured_cells
-from lowsnr_detect.parts.destination_moves import favoured_moves
+from lowsnr_detect.parts.destination_moves import cell_likelihoods
+from lowsnr_detect.parts.destination_moves import move_likelihoods
 from lowsnr_detect.parts.detector import Declarations
 from lowsnr_detect.parts.existence import declare_posterior
-from lowsnr_detect.parts.existence import Existence
-from lowsnr_detect.parts.grid_filter import born_belief
+from lowsnr_detect.parts.existence import PosteriorDetector
+from lowsnr_detect.parts.grid_filter import as_plane
+from lowsnr_detect.parts.grid_filter import birth_belief
 from lowsnr_detect.parts.grid_filter import cell_moments
 from lowsnr_detect.parts.grid_filter import expect_belief
 from lowsnr_detect.parts.grid_filter import move_and_weigh
@@ -33,30 +48,68 @@ from lowsnr_detect.parts.grid_filter import over_runs
 from lowsnr_detect.parts.grid_filter import total
 from lowsnr_detect.parts.moves import move_model
 from lowsnr_detect.parts.moves import MoveModel
+from lowsnr_detect.parts.moves import shifted
 from lowsnr_detect.parts.registry import register
 import numpy as np
 
-# An outlier may leave nothing else possible; what is so is not zero, so that it has a log.
-_IMPOSSIBLE = 1e-200
+# Lower bound of r: outliers may underflow it to zero, and its sum must have a logarithm.
+_LEAST_RATIO = 1e-200
+
+
+def forward(
+    model: MoveModel, belief: np.ndarray, likelihood: np.ndarray, stays: np.ndarray,
+    born: np.ndarray,
+) -> np.ndarray:
+    """
+    Return a_k of the forward recursion: the definition, in NumPy.
+
+    Parameters
+    ----------
+    model
+        P(x | y) and the histories of b(x).
+    belief : (dropped, kept, ..., rows, cols) ndarray
+        g_{k-1}.
+    likelihood : (..., rows, cols) ndarray
+        l_k.
+    stays, born : (...,) ndarray
+        ``(1 - P_d) p_{k-1}`` and ``P_b (1 - p_{k-1})``.
+
+    Returns
+    -------
+    (dropped, kept, ..., rows, cols) ndarray
+        a_k, not normalised.
+
+    """
+    # P(x | y): the older of two remembered moves is dropped, the new one is remembered.
+    dropped, kept, *rest = belief.shape
+    flat = belief.reshape(dropped, kept, -1).swapaxes(0, 1)
+    moved = (model.kernel @ flat).reshape(kept, len(model.moves), *rest)
+    for number, move in enumerate(model.moves):
+        moved[:, number] = shifted(moved[:, number], move, 0.0)
+    if model.history.size == 1:
+        moved = moved.sum(axis=1, keepdims=True)
+    moved = moved.reshape(belief.shape)
+    births = birth_belief(model, likelihood.shape)
+    return np.asarray(likelihood * (as_plane(born) * births + as_plane(stays) * moved))
 
 
 @dataclass(frozen=True)
 class Belief:
     """
-    What is known after a frame.
+    The posterior after a frame.
 
     Parameters
     ----------
     weights : (dropped, kept, ..., rows, cols) ndarray
-        How likely history and cell are, given that there is an object; with sum ``mass``.
+        a_k, in proportion to g_k, with sum ``mass``.
     mass : (...,) ndarray
-        What the weights sum up to.
+        Sum of the weights.
     log_odds : (...,) ndarray
         Log odds of existence [nat].
     likelihood : (..., rows, cols) ndarray
-        Likelihood ratio of the frame, over its largest.
+        l_k, divided by its largest value.
     peak : (...,) ndarray
-        Log of the largest [nat].
+        Log of that value [nat].
     frame
         Number of the frame, from 1.
 
@@ -71,42 +124,29 @@ class Belief:
 
     @property
     def given(self) -> np.ndarray:
-        """Probability of history and cell, (dropped, kept, ..., rows, cols)."""
-        return self.weights / _plane(self.mass)
+        """Probability g_k of history and cell given existence, as the weights."""
+        return np.asarray(self.weights / as_plane(self.mass))
 
 
 @register('hmm')
 @dataclass(frozen=True, kw_only=True)
-class HMM:
+class HMM(PosteriorDetector):
     """Forward recursion of ``p(cell, last moves, E_k | Z^k)``, with an optional fixed lag."""
 
-    feedback: ClassVar[bool] = False
-    local: ClassVar[bool] = False
-    # Errors of successive positions are correlated over about three frames at 6 to 9 dB.
-    frames_per_declaration: ClassVar[int] = 3
-
-    sensor: SensorModel = field(default_factory=SensorModel)
-    motion: MotionModes = field(default_factory=MotionModes)
-    existence: Existence = field(default_factory=Existence)
     destination: Destination = field(default_factory=Destination)
     order: int = setting(2, 'last moves that the next one depends on', ge=0, le=2)
     regions: int = setting(
-        1, 'sub-regions of the frame that are worked on in parallel; the result is the same',
+        1, 'sub-regions of the frame that are processed in parallel; the result is the same',
         ge=1, le=64)
     lag: int = setting(
-        0, 'frames that an answer waits for; it is then about the frame so long ago', ge=0, le=20)
-    threshold: float = setting(
-        0.0, 'log posterior odds of existence above which an object is declared [nat]', live=True)
+        0, 'frames by which the answer is late: it is about the frame so many frames ago', ge=0,
+        le=20)
 
     def __post_init__(self) -> None:
-        check_settings(self)
+        super().__post_init__()
         if self.lag and self.destination.probability:
             raise ValueError(
                 f'HMM.lag = {self.lag}, must be 0 where destination.probability is above 0')
-
-    def nominal(self) -> HMM:
-        """Return the detector that declares what is more likely than not."""
-        return replace(self, threshold=0.0)
 
     def init(self, shape: tuple[int, ...]) -> tuple[Belief, ...]:
         """Return the beliefs of the last ``lag + 1`` frames, none at first."""
@@ -135,18 +175,18 @@ class HMM:
             log_odds = np.full_like(log_odds, -np.inf)
         return state, declare_posterior(
             log_odds, self.threshold, lambda found: cell_moments(
-                weights[:, :, found] / _plane(mass[found]), model, self.sensor.cell_size_m))
+                weights[:, :, found] / as_plane(mass[found]), model, self.sensor.cell_size_m))
 
     def _filtered(
         self, model: MoveModel, state: tuple[Belief, ...], frame: np.ndarray,
     ) -> Belief:
-        """Predict and weigh, with the mass of the belief in the log odds."""
+        """Make one step of the forward recursion, with l_k divided by its largest value."""
         last = state[-1] if state else None
         born, stays, absent = self.existence.predict(last.log_odds if last else None)
         likelihood, peak = relative_likelihood(self.sensor, frame)
         number = last.frame + 1 if last else 1
         if last is None:
-            weights = self._born(model, number, frame.shape) * (_plane(born) * likelihood)
+            weights = self._births(model, number, frame.shape) * (as_plane(born) * likelihood)
             mass = total(weights)
         else:
             weights, inside, mass = self._moved(model, last, likelihood, stays, born)
@@ -154,62 +194,55 @@ class HMM:
         log_odds = np.log(mass) + peak - np.log(absent)
         return Belief(weights, mass, log_odds, likelihood, peak, number)
 
-    def _born(self, model: MoveModel, number: int, shape: tuple[int, ...]) -> np.ndarray:
-        """Return where an object appears in a frame."""
-        born = born_belief(model, shape)
-        if not self.destination.is_ahead(number):
-            return born
-        rows, cols = shape[-2:]
-        return born * over_runs(favoured_cells(
-            self.destination, self.motion, self.sensor, self.order, number, (rows, cols),
-        ), len(shape) - 2)
-
     def _moved(
         self, model: MoveModel, last: Belief, likelihood: np.ndarray, stays: np.ndarray,
         born: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the belief moved on, with births and weighed, what is left inside, the sum."""
-        number, share = last.frame + 1, 1.0 / last.mass
+        """Return what :func:`forward` does, compiled; with inside_k, and the sum of a_k."""
+        number, scale = last.frame + 1, 1.0 / last.mass
         if not self.destination.is_ahead(number):
-            moved, inside, mass = move_and_weigh(
-                model, last.weights, likelihood, stays * share, born, regions=self.regions)
-            return moved, inside * share, mass
+            weights, inside, mass = move_and_weigh(
+                model, last.weights, likelihood, stays * scale, born, regions=self.regions)
+            return weights, inside * scale, mass
         rows, cols = likelihood.shape[-2:]
-        favour, mean = favoured_moves(
+        factor, mean = move_likelihoods(
             self.destination, self.motion, self.sensor, self.order, number, (rows, cols))
         belief = last.given / over_runs(mean, last.weights.ndim - 4)
-        moved, inside, _ = move_and_weigh(
-            model, belief, likelihood, stays, np.zeros_like(born), favour, self.regions)
-        moved += self._born(model, number, likelihood.shape) * (_plane(born) * likelihood)
-        return moved, inside, total(moved)
+        weights, inside, _ = move_and_weigh(
+            model, belief, likelihood, stays, np.zeros_like(born), factor, self.regions)
+        weights += self._births(model, number, likelihood.shape) * (as_plane(born) * likelihood)
+        return weights, inside, total(weights)
+
+    def _births(self, model: MoveModel, number: int, shape: tuple[int, ...]) -> np.ndarray:
+        """Return b(x) in a frame."""
+        births = birth_belief(model, shape)
+        if not self.destination.is_ahead(number):
+            return births
+        rows, cols = shape[-2:]
+        factor = cell_likelihoods(
+            self.destination, self.motion, self.sensor, self.order, number, (rows, cols))
+        return np.asarray(births * over_runs(factor, len(shape) - 2))
 
     def _smoothed(
         self, model: MoveModel, state: tuple[Belief, ...],
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return log odds, belief and its sum of the oldest frame, given all to the newest."""
-        then = state[0]
+        """Return log odds, g_t r_t and its sum for the oldest frame t, given all frames."""
+        then, chain = state[0], self.existence
         if len(state) == 1:
             return then.log_odds, then.weights, then.mass
-        # Likelihood of the later frames, relative to that without an object in this one.
-        ahead = np.ones_like(then.weights)
-        chain, anywhere = self.existence, born_belief(model, then.likelihood.shape)
+        survives = 1.0 - chain.death_prob
+        births = birth_belief(model, then.likelihood.shape)
         inside = np.ones((*model.history.shape, *then.likelihood.shape[-2:]))
-        lives_on = 1.0 - chain.death_prob
-        gone = 1.0 - lives_on * expect_belief(model, inside)
-        gone = gone.reshape(*model.history.shape, *[1] * then.log_odds.ndim, *inside.shape[-2:])
+        gone = over_runs(1.0 - survives * expect_belief(model, inside), then.log_odds.ndim)
+        ratio = np.ones_like(then.weights)
         for later in state[:0:-1]:
+            # Numerator and denominator are divided by exp(peak), which could overflow.
             peak = np.maximum(later.peak, 0.0)
-            value = ahead * later.likelihood * _plane(np.exp(later.peak - peak))
-            nothing = np.exp(-peak)
-            appears = total(anywhere * value)
-            empty = (1.0 - chain.birth_prob) * nothing + chain.birth_prob * appears
-            ahead = lives_on * expect_belief(model, value) + gone * _plane(nothing)
-            ahead = np.maximum(ahead / _plane(empty), _IMPOSSIBLE)
-        given = then.given * ahead
-        mass = total(given)
-        return then.log_odds + np.log(mass), given, mass
-
-
-def _plane(value: np.ndarray) -> np.ndarray:
-    """Give (...,) the axes of rows and columns."""
-    return value[..., None, None]
+            one = np.exp(-peak)
+            value = ratio * later.likelihood * as_plane(np.exp(later.peak - peak))
+            present = survives * expect_belief(model, value) + gone * as_plane(one)
+            absent = (1.0 - chain.birth_prob) * one + chain.birth_prob * total(births * value)
+            ratio = np.maximum(present / as_plane(absent), _LEAST_RATIO)
+        weights = then.given * ratio
+        mass = total(weights)
+        return then.log_odds + np.log(mass), weights, mass

@@ -1,35 +1,41 @@
 """
 TBD1 and MMTBD1, Section V-A: existence is one more variable that the particles carry.
 
-After Salmond and Birch (2001).  A particle is (state, mode, existence): the existence is drawn
-from its Markov chain, a particle without an object has weight one, and the probability of
-existence is the share of the weight that is with an object.  One mode is TBD1, several are
-MMTBD1.
+The filter of Salmond and Birch (2001) estimates ``p(x_k, r_k, E_k | Z^k)`` with particles
+(x, r, E) of state, mode and existence, which each frame
+
+1. predicts: E_k from its Markov chain (P_b, P_d); where an object survives, r_k from the chain of
+   the modes and then ``x_k = F(r_k) x_{k-1} + v_k``, eq. (1); where it is born, x_k and r_k from
+   the birth density b through a proposal q, with the weight ``b(x) / q(x)``;
+2. weights: with the likelihood ratio ``l(x) = p(Z_k | x) / p(Z_k | no object)``, eq. (3), where
+   E_k = 1, and with 1 where E_k = 0;
+3. decides: ``p(E_k = 1 | Z^k) = sum of the weights with E_k = 1 / sum of all weights``;
+4. resamples.
+
+With one mode it is TBD1, with several MMTBD1.
+
+Note: births are proposed where the frame is bright (:mod:`lowsnr_detect.parts.births`), of
+which the paper gives no details.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from dataclasses import field
-from dataclasses import replace
-from typing import ClassVar
 
 from lowsnr_common.core.likelihood import state_log_ratio
-from lowsnr_common.core.measurement import SensorModel
-from lowsnr_common.core.motion import MotionModes
 from lowsnr_common.core.particles import log_sum_exp
 from lowsnr_common.core.particles import normalise
 from lowsnr_common.core.particles import pick
 from lowsnr_common.core.particles import systematic_resample
 from lowsnr_common.core.particles import weighted_moments
-from lowsnr_common.settings.config import check_settings
 from lowsnr_common.settings.config import setting
 from lowsnr_detect.parts.births import ConstantVelocity
 from lowsnr_detect.parts.births import draw_births
 from lowsnr_detect.parts.births import log_birth_proposal
 from lowsnr_detect.parts.detector import Declarations
 from lowsnr_detect.parts.existence import declare_posterior
-from lowsnr_detect.parts.existence import Existence
+from lowsnr_detect.parts.existence import PosteriorDetector
 from lowsnr_detect.parts.registry import register
 import numpy as np
 
@@ -44,9 +50,9 @@ class Particles:
     exists : (..., N) ndarray of bool
         Existence of the object.
     states : (..., N, 4) ndarray
-        States [m, m/s]; of no meaning where there is no object.
+        States [m, m/s]; without meaning where there is no object.
     modes : (..., N) ndarray of int
-        Modes; likewise.
+        Modes; without meaning where there is no object.
 
     """
 
@@ -57,37 +63,16 @@ class Particles:
 
 @register('mmtbd1')
 @dataclass(frozen=True, kw_only=True)
-class MMTBD1:
+class MMTBD1(PosteriorDetector):
     """Multiple-model particle filter whose particles carry the existence of the object."""
 
-    feedback: ClassVar[bool] = False
-    local: ClassVar[bool] = False
-    # Errors of successive positions are correlated over about three frames at 6 to 9 dB.
-    frames_per_declaration: ClassVar[int] = 3
-
-    sensor: SensorModel = field(default_factory=SensorModel)
-    motion: MotionModes = field(default_factory=MotionModes)
-    existence: Existence = field(default_factory=Existence)
     particles: int = setting(4000, 'particles, with and without an object', ge=1, le=10_000_000)
-    threshold: float = setting(
-        0.0, 'log posterior odds of existence above which an object is declared [nat]', live=True)
-
-    def __post_init__(self) -> None:
-        check_settings(self)
-
-    def nominal(self) -> MMTBD1:
-        """Return the detector that declares what is more likely than not."""
-        return replace(self, threshold=0.0)
-
-    def init(self, shape: tuple[int, ...]) -> Particles | None:
-        """Return the memory before the first frame: none."""
-        return None
 
     def step(
         self, state: Particles | None, frame: np.ndarray, rng: np.random.Generator,
     ) -> tuple[Particles, Declarations]:
         """
-        Move the particles, let them die and be born, weigh, and resample.
+        Predict, weight, decide and resample.
 
         Parameters
         ----------
@@ -101,7 +86,7 @@ class MMTBD1:
         """
         now, log_weights = self._predicted(state, frame, rng)
         ratio = state_log_ratio(self.sensor, frame, now.states)
-        # What moved out of the frame is an object no more.
+        # An object that moved out of the frame does not exist.
         exists = now.exists & (ratio > -np.inf)
         with_object = np.where(exists, log_weights + ratio, -np.inf)
         without = np.where(exists, -np.inf, 0.0)
@@ -116,10 +101,10 @@ class MMTBD1:
     def _predicted(
         self, state: Particles | None, frame: np.ndarray, rng: np.random.Generator,
     ) -> tuple[Particles, np.ndarray]:
-        """Draw existence, mode and state; return them with the log weight of the births."""
+        """Draw existence, mode and state; return them with their log weights."""
         chain, period = self.existence, self.sensor.frame_period_s
         proposal = log_birth_proposal(self.sensor.log_likelihood_ratio(frame))
-        # One birth for every particle; those that need none do not use theirs.
+        # One birth is drawn for every particle; a particle whose object survives ignores it.
         cells = systematic_resample(proposal, self.particles, rng)
         states, modes = draw_births(cells, frame.shape[-1], self.sensor, self.motion, rng)
         correction = -np.log(proposal.shape[-1]) - pick(proposal, cells)
@@ -138,6 +123,6 @@ class MMTBD1:
 @register('tbd1')
 @dataclass(frozen=True, kw_only=True)
 class TBD1(MMTBD1):
-    """The same with one mode: constant velocity."""
+    """MMTBD1 with one mode: constant velocity."""
 
     motion: ConstantVelocity = field(default_factory=ConstantVelocity)

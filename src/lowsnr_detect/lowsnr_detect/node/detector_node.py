@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from lowsnr_common.core.malformed import Malformed
+from lowsnr_common.core.records import Estimate
+from lowsnr_common.core.records import Malformed
 from lowsnr_common.core.streams import stream
 from lowsnr_common.ros import messages
 from lowsnr_common.ros.managed_node import ManagedNode
@@ -18,7 +19,7 @@ from lowsnr_common.settings.config import changed
 from lowsnr_common.settings.node_settings import DetectionSettings
 from lowsnr_detect.node.live_detector import LiveDetector
 from lowsnr_detect.node.live_detector import refuse_without_effect
-from lowsnr_detect.node.warm_up import rehearse
+from lowsnr_detect.node.live_detector import warm_up
 from lowsnr_detect.parts.detector import refuse_late_answers
 from lowsnr_detect.parts.registry import detector_class
 from nav_msgs.msg import Odometry
@@ -45,7 +46,7 @@ class DetectorNode(ManagedNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Create publishers and subscription; calibrate where the frame size is known."""
         detector, operating = self.live
-        rehearse(detector)
+        warm_up(detector)
         shape = (operating.rows, operating.cols)
         self._work = self._at_work(shape) if all(shape) else None
         self._rng = stream(self.settings.seed, 'detector')
@@ -60,26 +61,26 @@ class DetectorNode(ManagedNode):
         return TransitionCallbackReturn.SUCCESS
 
     def _at_work(self, shape: tuple[int, int]) -> LiveDetector:
-        log = self.get_logger()
-        return LiveDetector(self.name, self.live, shape, log.info, log.error)
+        return LiveDetector(self.name, self.live, shape, self.get_logger().info)
 
     def complete(self, values: dict[str, Any]) -> dict[str, Any]:
-        """Refuse what would do nothing; going over to 'manual', begin with what is in force."""
+        """Reject what cannot be put in force; 'manual' begins with the thresholds in force."""
         detector, operating = (changed(one, values) for one in self.live)
         refuse_without_effect(values, (detector, operating))
+        if self._work is None:
+            return values
+        self._work.check((detector, operating))
         by_hand = operating.operating_point == 'manual' != self.live[1].operating_point
-        return self._work.thresholds() | values if by_hand and self._work else values
+        return self._work.thresholds() | values if by_hand else values
 
     def on_set(self) -> None:
-        """Have the detector go over to the new settings."""
+        """Put the new settings in force from the next frame on."""
         if self._work:
             self._work.change(self.live, self.counts['in'] + 1)
 
     def _on_frame(self, image: Image) -> None:
         if not self.active or not self.is_new('image_raw', image.header.stamp):
             return
-        if self._work and not self._work.settle(self.counts['in'] + 1):
-            self.put_back(self._work.settings)
         self.counts['in'] += 1
         try:
             frame = messages.image_to_frame(image)
@@ -92,7 +93,7 @@ class DetectorNode(ManagedNode):
         self._publish(work.step(frame, self._rng).estimates(), image.header)
 
     def _work_for(self, frame: np.ndarray) -> LiveDetector:
-        """Return the detector at work, which the first frame starts."""
+        """Return the detector, which the first frame starts; Malformed for another size."""
         rows, cols = frame.shape
         if self._work is None:
             self._work = self._at_work((rows, cols))
@@ -102,19 +103,13 @@ class DetectorNode(ManagedNode):
                 f'{self._work.shape[1]} x {self._work.shape[0]}')
         return self._work
 
-    def _publish(self, estimates: list, header: Header) -> None:
+    def _publish(self, estimates: list[Estimate], header: Header) -> None:
         for item in estimates:
             if item.id:
                 self._odometry.publish(messages.estimate_to_odometry(item, header))
         self._array.publish(messages.estimates_to_array(
             estimates, header, self.live[0].sensor.cell_size_m))
         self.counts['out'] += 1
-
-    def destroy_node(self) -> None:
-        """End a calibration that is under way, and the node."""
-        if self._work:
-            self._work.close()
-        super().destroy_node()
 
 
 def entry_point(detector: str) -> Callable[[list[str] | None], None]:

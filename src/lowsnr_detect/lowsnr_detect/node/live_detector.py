@@ -1,25 +1,30 @@
-"""A detector at work, and how its settings change from a frame to the next."""
+"""A detector with its memory, and how its settings change from one frame to the next."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from collections.abc import Iterable
-from functools import partial
-from typing import Any
+from dataclasses import replace
 
 from lowsnr_common.settings.config import flat_values
 from lowsnr_common.settings.node_settings import DetectionSettings
-from lowsnr_detect.calibration.calibration import at_operating_point
-from lowsnr_detect.node.tuner import Tuner
+from lowsnr_detect.calibration.curve import Curve
+from lowsnr_detect.calibration.operating_point import at_operating_point
+from lowsnr_detect.calibration.operating_point import curve
+from lowsnr_detect.calibration.operating_point import known_curve
+from lowsnr_detect.calibration.operating_point import logged_progress
 from lowsnr_detect.parts.detector import Declarations
+from lowsnr_detect.parts.detector import Detector
 import numpy as np
 
 # The operating points at which a setting acts, where these are not all.
 _ACTS_AT = {
     'threshold': ('manual',), 'upper_threshold': ('manual', 'matched'),
     'false_alarm_prob': ('matched',)}
+# What is compiled, or loaded, at its first use depends on the type of a frame, not on its size.
+_WARM_UP_SHAPE, _WARM_UP_FRAMES, _WARM_UP_TYPES = (8, 8), 3, (np.float64, np.float32)
 
-Settings = tuple[Any, DetectionSettings]
+Settings = tuple[Detector, DetectionSettings]
 
 
 class LiveDetector:
@@ -31,28 +36,29 @@ class LiveDetector:
     name
         Name it is registered under, for the log.
     settings
-        Detector with the threshold set by hand, and its operating point.
+        Detector with the threshold that the user set, and its operating point.
     shape
         Rows and columns of a frame.
-    log, complain
-        Told what happens, a sentence at a time; the second, what went wrong.
+    log
+        Called with a sentence for each event.
 
     """
 
     def __init__(
-        self, name: str, settings: Settings, shape: tuple[int, int],
-        log: Callable[[str], None], complain: Callable[[str], None],
+        self, name: str, settings: Settings, shape: tuple[int, int], log: Callable[[str], None],
     ) -> None:
-        self.settings = settings
-        self.shape = shape
-        self._tune = partial(at_operating_point, name, shape=shape, log=log)
-        self._log, self._complain = log, complain
-        self._tuner = Tuner()
-        self._detector = self._tune(*settings)
+        self.name, self.shape, self._log = name, shape, log
+        # By detector, without its threshold.
+        self._curves: dict[Detector, Curve] = {}
+        detector, operating = settings
+        if operating.operating_point == 'matched':
+            self._curves[_untuned(detector)] = curve(
+                detector, shape, progress=logged_progress(name, shape, log))
+        self._detector = self._tuned(settings)
         self._memory = self._detector.init(shape)
 
     def step(self, frame: np.ndarray, rng: np.random.Generator) -> Declarations:
-        """Advance by a frame (rows, cols) and return what is declared in it."""
+        """Advance by a frame (rows, cols) and return the declarations in it."""
         self._memory, declared = self._detector.step(self._memory, frame, rng)
         return declared
 
@@ -61,55 +67,64 @@ class LiveDetector:
         values = flat_values(self._detector)
         return {name: values[name] for name in ('threshold', 'upper_threshold') if name in values}
 
+    def check(self, settings: Settings) -> None:
+        """
+        Check that other settings can be put in force without a simulation.
+
+        Raises
+        ------
+        ValueError
+            If the operating point is 'matched' and there is no calibration for the settings, in
+            this process or on disk.
+
+        """
+        detector, operating = settings
+        if operating.operating_point != 'matched' or _untuned(detector) in self._curves:
+            return
+        if (found := known_curve(detector, self.shape)) is None:
+            rows, cols = self.shape
+            raise ValueError(
+                f'there is no calibration of {self.name} with these settings for operating_point '
+                f"'matched': make it with 'python scripts/calibrate.py --detector {self.name} "
+                f"--snr {detector.sensor.snr_db:g} --rows {rows} --cols {cols}' and the other "
+                'options of this run, then set it again')
+        self._curves[_untuned(detector)] = found
+
     def change(self, settings: Settings, number: int) -> None:
         """
-        Go over to other settings, at once or when the threshold for them is calibrated.
+        Put other settings, which were checked, in force from the frame of a number on.
 
-        Until then all is as it was.  ``number`` is that of the next frame.
+        The memory is kept unless the sensor model changes: sums of log ratios for one intensity
+        have no meaning for another.
         """
-        self._tuner.give_up()
-        self._wanted = settings
-        if settings[1].operating_point == 'matched':
-            self._tuner.start(partial(self._tune, *settings))
-        else:
-            self._adopt(self._tune(*settings), number)
-
-    def settle(self, number: int) -> bool:
-        """
-        Put in force what was calibrated meanwhile.
-
-        Returns whether it could be; otherwise ``settings`` stay those in force.
-        """
-        if (done := self._tuner.finished()) is None:
-            return True
-        try:
-            detector = done.result()
-        except (ValueError, MemoryError) as error:
-            self._complain(f'not calibrated, so all stays as it is: {error}')
-            return False
-        self._adopt(detector, number)
-        return True
-
-    def close(self) -> None:
-        """End a calibration that is under way."""
-        self._tuner.close()
-
-    def _adopt(self, detector: Any, number: int) -> None:
-        # Sums of log ratios for one intensity say nothing for another.
-        forgets = detector.sensor != self._detector.sensor
-        if forgets:
+        detector = self._tuned(settings)
+        restarts = detector.sensor != self._detector.sensor
+        if restarts:
             self._memory = detector.init(self.shape)
-        self._detector, self.settings = detector, self._wanted
+        self._detector = detector
         held = ', '.join(f'{name} {value:.2f} nat' for name, value in self.thresholds().items())
         self._log(
-            f'in force from frame {number} on: {self.settings[1].operating_point}, {held}, '
+            f'in force from frame {number} on: {settings[1].operating_point}, {held}, '
             f'design SNR {detector.sensor.snr_db:g} dB, memory '
-            + ('begins anew' if forgets else 'kept'))
+            + ('starts empty' if restarts else 'kept'))
+
+    def _tuned(self, settings: Settings) -> Detector:
+        detector, operating = settings
+        found = self._curves.get(_untuned(detector))
+        return at_operating_point(self.name, detector, operating, found, self._log)
+
+
+def warm_up(detector: Detector) -> None:
+    """Run a detector on a few small blank frames, so that its compiled loops are ready."""
+    for kind in _WARM_UP_TYPES:
+        state, rng = detector.init(_WARM_UP_SHAPE), np.random.default_rng(0)
+        for _ in range(_WARM_UP_FRAMES):
+            state, _ = detector.step(state, np.zeros(_WARM_UP_SHAPE, dtype=kind), rng)
 
 
 def refuse_without_effect(names: Iterable[str], settings: Settings) -> None:
     """
-    Refuse to change settings that would do nothing, or more than they say.
+    Reject changes of settings that would have no effect, or more than their own.
 
     Parameters
     ----------
@@ -121,8 +136,8 @@ def refuse_without_effect(names: Iterable[str], settings: Settings) -> None:
     Raises
     ------
     ValueError
-        For the first that does nothing at the operating point, and for a design SNR, with
-        which the memory begins anew, where frames are counted from the start.
+        For the first setting without effect at the operating point, and for a design SNR, with
+        which the memory starts empty, where frames are counted from the start.
 
     """
     detector, operating = settings
@@ -131,9 +146,14 @@ def refuse_without_effect(names: Iterable[str], settings: Settings) -> None:
         if point not in (acts_at := _ACTS_AT.get(name, (point,))):
             raise ValueError(
                 f'{name} does nothing while operating_point is {point!r}; set operating_point '
-                f'to {" or ".join(map(repr, acts_at))} first, or with it')
+                f'to {" or ".join(map(repr, acts_at))} first, or in the same call')
         destination = getattr(detector, 'destination', None)
         if name == 'sensor.snr_db' and destination and destination.probability:
             raise ValueError(
                 'sensor.snr_db is read-only where destination.probability is above 0: its '
                 'arrival_frame is counted from the first frame')
+
+
+def _untuned(detector: Detector) -> Detector:
+    """Return a detector without its threshold, on which its calibration does not depend."""
+    return replace(detector, threshold=0.0)

@@ -1,4 +1,4 @@
-"""Sub-regions of a frame, worked on in parallel as Section IV-A suggests, to the same result."""
+"""Sub-regions of a frame, processed in parallel as Section IV-A suggests."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ import numpy as np
 
 def in_bands(work: Callable[[int, int], None], rows: int, count: int, multiple: int = 1) -> None:
     """
-    Let parallel threads write a band of rows each.
+    Call a function for bands of rows in parallel threads; the result is that of one call.
 
     Parameters
     ----------
     work
-        Writes the rows from the first to before the last; it reads what it likes.
+        Writes the rows from its first argument to before its second.  It may read all rows.
     rows
         Rows of the frame.
     count
-        Number of bands; the compiled loops run without the interpreter's lock, so threads do.
+        Number of bands.  Threads suffice: compiled loops release the interpreter's lock.
     multiple
-        Rows that stay together.
+        Bands begin at multiples of so many rows.
 
     """
     groups = -(-rows // multiple)
@@ -36,5 +36,5 @@ def in_bands(work: Callable[[int, int], None], rows: int, count: int, multiple: 
 
 @functools.cache
 def _threads(count: int) -> ThreadPoolExecutor:
-    """Return the threads that are kept for a number of bands: starting them costs more."""
+    """Return the threads for a number of bands, started once: a start costs more than a band."""
     return ThreadPoolExecutor(count, thread_name_prefix='regions')

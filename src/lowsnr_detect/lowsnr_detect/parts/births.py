@@ -1,4 +1,4 @@
-"""Clouds of particles that stand for an object which may not be there."""
+"""Births of the particle filters: where an object appears, and with which velocity and mode."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ from lowsnr_common.core.motion import VEL
 from lowsnr_common.settings.config import setting
 import numpy as np
 
-# Share of the births that is proposed anywhere: bounds the weight of those in dim cells.
-_ANYWHERE = 0.1
+# Fraction of the births that is proposed uniformly.  It bounds the weight of a birth in a dim
+# cell: the ratio of the uniform birth density to the proposal is at most 1 / 0.1.
+_UNIFORM = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
 class ConstantVelocity(MotionModes):
-    """Motion with constant velocity as its only mode, unless others are named."""
+    """Motion with constant velocity as its only mode by default."""
 
     turn_rates_deg_s: tuple[float, ...] = setting(
         (0.0,), 'turn rate of each mode, 0 for constant velocity [deg/s]', ge=-36_000.0,
@@ -28,8 +29,8 @@ def log_birth_proposal(ratio: np.ndarray) -> np.ndarray:
     """
     Return the log probability with which a birth is proposed in each cell.
 
-    It is in proportion to the likelihood ratio, so that births are where the frame is
-    bright, for nine out of ten, and the same in all cells for the rest.
+    Nine of ten births are proposed in proportion to the likelihood ratio of the cells, so that
+    most are where the frame is bright, and one of ten uniformly.
 
     Parameters
     ----------
@@ -45,7 +46,7 @@ def log_birth_proposal(ratio: np.ndarray) -> np.ndarray:
     flat = ratio.reshape(*ratio.shape[:-2], -1)
     bright = np.exp(flat - flat.max(axis=-1, keepdims=True))
     bright /= bright.sum(axis=-1, keepdims=True)
-    return np.log((1.0 - _ANYWHERE) * bright + _ANYWHERE / flat.shape[-1])
+    return np.asarray(np.log((1.0 - _UNIFORM) * bright + _UNIFORM / flat.shape[-1]))
 
 
 def draw_births(
@@ -64,7 +65,7 @@ def draw_births(
     sensor
         Cell size.
     motion
-        Speeds and modes that objects appear with.
+        Distribution of the velocity, and the modes.
     rng
         Source of randomness.
 
@@ -73,7 +74,7 @@ def draw_births(
     states : (..., 4) ndarray
         States, uniform within the cell [m, m/s].
     modes : (...) ndarray of int
-        Modes, all alike.
+        Modes, uniform.
 
     """
     states = np.empty((*cells.shape, 4))

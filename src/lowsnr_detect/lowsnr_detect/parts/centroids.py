@@ -1,4 +1,4 @@
-"""A position between the cells: the mean over a vicinity, weighted with the statistic."""
+"""Positions between the cells: the mean over a vicinity, weighted with the statistic."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from lowsnr_common.core.motion import POS
 from lowsnr_detect.parts.detector import Declarations
 import numpy as np
 
-# From (p_x, p_y) to a state.
+# Maps (p_x, p_y) to a state.
 _POSITION = np.eye(4)[POS]
 
 
@@ -18,24 +18,26 @@ def with_centroids(
     """
     Move declarations from their cell to the centroid of its vicinity.
 
-    The best sum of log ratios of a cell is taken as the log of how likely the object is
-    there.  The strongest cell alone is often the one where the last noise was largest.
+    The log ratio of a cell is taken as the log of the probability that the object is there, up
+    to a constant.  The strongest cell alone is often the one with the largest noise in the last
+    frame.
 
     Parameters
     ----------
     declared : Declarations
         Declarations at cell centres.
     plane : (..., rows, cols) ndarray
-        Log-likelihood ratio of each cell [nat]; -inf for one that is out of the question.
+        Log-likelihood ratio of each cell [nat]; -inf for an impossible one.
     reach
-        Cells on each side that count.
+        Cells of the vicinity on each side.
     cell_size_m
         Side of a cell [m].
 
     Returns
     -------
     Declarations
-        The same with mean and covariance of the position; a cell adds its own variance.
+        The same declarations, with mean and covariance of the position; the variance within a
+        cell is included.
 
     """
     found = declared.score > 0.0

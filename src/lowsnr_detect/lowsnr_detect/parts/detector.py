@@ -1,9 +1,9 @@
 """
-What every detector is: settings, a memory, and a step from a frame to declarations.
+The interface of every detector: settings, a memory, and a step from a frame to declarations.
 
 A detector is a frozen dataclass of settings.  ``init(shape)`` makes its memory for frames of
 shape ``(..., rows, cols)``, where leading axes are independent Monte Carlo runs;
-``step(state, frame, rng)`` returns the memory after the frame and what is declared in it.
+``step(state, frame, rng)`` returns the memory after the frame and the declarations in it.
 Nothing is hidden, so that a run can be repeated, batched and compared.
 """
 
@@ -19,11 +19,16 @@ from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.core.records import Estimate
 import numpy as np
 
+# Frames over which position errors of recursive detectors are correlated: their integrated
+# autocorrelation time, 1 + 2 sum of the autocorrelations, at 6 dB is 2.8 frames for HMM, 2.9 for
+# CUSUM and 3.5 for MMTBD2 (150 runs of config/scenarios/random.yaml, 1 % of false alarms).
+CORRELATED_FRAMES = 3
+
 
 @dataclass(frozen=True)
 class Declarations:
     """
-    What a detector says of one frame.
+    The output of a detector for one frame.
 
     There are D slots for declarations in each run, strongest first; in a slot that is not
     used the score is 0 and the rest is NaN.
@@ -31,14 +36,13 @@ class Declarations:
     Parameters
     ----------
     peak : (...,) ndarray
-        Largest value of the test statistic, declared or not: what the threshold was
-        compared with [nat].
+        Largest value of the test statistic, whether or not it exceeds the threshold [nat].
     score : (..., D) ndarray
         Probability that the declaration is an object.
     state : (..., D, 4) ndarray
         State [m, m/s]; the velocity is NaN where it is not estimated.
     cov : (..., D, 4, 4) ndarray
-        Its covariance, NaN likewise.
+        Covariance of the state; NaN where the state is NaN.
 
     """
 
@@ -50,7 +54,7 @@ class Declarations:
     @property
     def any(self) -> np.ndarray:  # noqa: A003
         """Whether anything is declared, (...,) of bool."""
-        return np.any(self.score > 0.0, axis=-1)
+        return np.asarray(np.any(self.score > 0.0, axis=-1))
 
     def estimates(self) -> list[Estimate]:
         """
@@ -67,30 +71,35 @@ class Declarations:
 
 class Detector(Protocol):
     """
-    The interface of every detector.
+    The interface of every detector, which is a frozen dataclass of settings.
 
-    ``threshold`` is the log of what its test statistic is compared with [nat]; calibration
-    moves it alone, :meth:`nominal` returns the detector as its test is designed.
-    ``feedback`` says whether the threshold acts on the memory (a declaration closes a
-    path), so that calibration must run the detector anew for every threshold.
-    ``local`` says whether the statistic is a maximum over cells, so that large frames may be
-    calibrated from parts of them.
-    ``frames_per_declaration`` is the number of frames that successive declarations of one
-    object share.
+    ``feedback`` says whether the threshold acts on the memory (a declaration closes a path):
+    the test statistic then depends on the threshold, and calibration simulates it at several.
+    ``local`` says whether the statistic is a maximum over cells: calibration may then simulate
+    a part of a large frame.
     """
 
+    __dataclass_fields__: ClassVar[dict[str, Any]]
     feedback: ClassVar[bool]
     local: ClassVar[bool]
-    sensor: SensorModel
-    threshold: float
 
-    def nominal(self) -> Self:
-        """Return the detector with the thresholds of its test as designed."""
+    @property
+    def sensor(self) -> SensorModel:
+        """Noise, blur and sampling, and the SNR that the detector is designed for."""
+        ...
+
+    @property
+    def threshold(self) -> float:
+        """Log of the value that the test statistic is compared with [nat]."""
         ...
 
     @property
     def frames_per_declaration(self) -> int:
-        """Frames that a declaration rests on."""
+        """Number of frames whose noise successive declarations of one object share."""
+        ...
+
+    def nominal(self) -> Self:
+        """Return the detector with the thresholds of its test as designed."""
         ...
 
     def init(self, shape: tuple[int, ...]) -> Any:
@@ -104,8 +113,8 @@ class Detector(Protocol):
         ...
 
 
-def refuse_late_answers(detector: Any) -> None:
-    """Raise ValueError where a detector answers frames late: the graph answers each at once."""
+def refuse_late_answers(detector: Detector) -> None:
+    """Raise ValueError for a detector with a lag: a graph answers each frame before the next."""
     if lag := getattr(detector, 'lag', 0):
         raise ValueError(
             f'{type(detector).__name__}.lag = {lag}, must be 0 in a graph, which answers every '

@@ -1,22 +1,32 @@
 """
-Whether there is an object: the two-state Markov chain of Section V, and what follows from it.
+Existence of the object, Section V, and the base of detectors that estimate its posterior.
 
-The chain E_k starts with a stated probability at the first frame.  An object exists while it
-is inside the frame: one that moves out of it is gone, whatever P_d says.
+E_k is a two-state Markov chain with the transition probabilities of birth P_b and of death P_d,
+and a stated probability at the first frame.  An object exists while it is inside the frame: one
+that moves out of it no longer exists, independently of P_d.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from dataclasses import field
+from dataclasses import replace
+from typing import Any
+from typing import ClassVar
+from typing import Self
 
+from lowsnr_common.core.measurement import SensorModel
+from lowsnr_common.core.motion import MotionModes
 from lowsnr_common.settings.config import check_settings
 from lowsnr_common.settings.config import setting
+from lowsnr_detect.parts.detector import CORRELATED_FRAMES
 from lowsnr_detect.parts.detector import Declarations
 import numpy as np
 from scipy.special import expit
 
-_CERTAIN = 500.0
+# Largest log odds that the chain is advanced with: exp(-500) is still above zero in float64.
+_LARGEST_LOG_ODDS = 500.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,15 +58,15 @@ class Existence:
         born : (...,) ndarray
             Probability that an object has just appeared.
         stays : (...,) ndarray
-            Probability that there was an object and it lives on, inside the frame or not.
+            Probability that there was an object and it survives, inside the frame or not.
         absent : (...,) ndarray
             Probability that there is none.
 
         """
         if log_odds is None:
             return np.array(self.initial_prob), np.array(0.0), np.array(1.0 - self.initial_prob)
-        # Certainty would be for ever: the object could never be born anywhere else.
-        bounded = np.clip(log_odds, -_CERTAIN, _CERTAIN)
+        # Certainty would last for ever: no object could then be born or die.
+        bounded = np.clip(log_odds, -_LARGEST_LOG_ODDS, _LARGEST_LOG_ODDS)
         present, none = expit(bounded), expit(-bounded)
         return (
             self.birth_prob * none,
@@ -70,7 +80,7 @@ def declare_posterior(
     moments: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
 ) -> Declarations:
     """
-    Declare the one object, where its existence is likely enough.
+    Declare the one object where the log odds of its existence exceed the threshold.
 
     Parameters
     ----------
@@ -79,8 +89,8 @@ def declare_posterior(
     threshold
         Log odds above which an object is declared [nat].
     moments
-        Given which runs declare, (...,) of bool, returns the posterior mean (found, 4) and
-        covariance (found, 4, 4) of these [m, m/s].
+        Takes which runs declare, (...,) of bool, and returns the posterior mean (found, 4) and
+        covariance (found, 4, 4) of their objects [m, m/s].
 
     Returns
     -------
@@ -89,10 +99,40 @@ def declare_posterior(
 
     """
     found = np.asarray(log_odds > threshold)
-    # The smallest positive number keeps a declaration of next to no probability a declaration.
+    # A score of zero means no declaration, so that a tiny probability is rounded up.
     score = np.where(found, np.maximum(expit(log_odds), np.finfo(float).tiny), 0.0)
     mean = np.full((*found.shape, 1, 4), np.nan)
     cov = np.full((*found.shape, 1, 4, 4), np.nan)
     if found.any():
         mean[found, 0], cov[found, 0] = moments(found)
     return Declarations(np.asarray(log_odds), score[..., None], mean, cov)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PosteriorDetector:
+    """Settings of a detector that declares one object by its posterior existence odds."""
+
+    feedback: ClassVar[bool] = False
+    local: ClassVar[bool] = False
+
+    sensor: SensorModel = field(default_factory=SensorModel)
+    motion: MotionModes = field(default_factory=MotionModes)
+    existence: Existence = field(default_factory=Existence)
+    threshold: float = setting(
+        0.0, 'log posterior odds of existence above which an object is declared [nat]', live=True)
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+    @property
+    def frames_per_declaration(self) -> int:
+        """Number of frames whose noise successive declarations of one object share."""
+        return CORRELATED_FRAMES
+
+    def nominal(self) -> Self:
+        """Return the detector that declares what is more likely than not."""
+        return replace(self, threshold=0.0)
+
+    def init(self, shape: tuple[int, ...]) -> Any:
+        """Return the memory before the first frame of shape (..., rows, cols): none."""
+        return None

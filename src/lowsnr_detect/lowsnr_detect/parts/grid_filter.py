@@ -2,8 +2,8 @@
 The Bayes-Markov filter on a grid: the arithmetic of one step, forwards and backwards.
 
 A belief is an array ``(dropped, kept, ..., rows, cols)``: the probability of each history of
-moves (see :class:`lowsnr_detect.parts.moves.MoveModel`) and cell, leading axes of the frame
-between.
+moves (see :class:`lowsnr_detect.parts.moves.MoveModel`) and cell, with the leading axes of the
+frame between them.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _ORDER = [0, 2, 1, 3]
 
 def move_and_weigh(
     model: MoveModel, belief: np.ndarray, weight: np.ndarray, stays: np.ndarray,
-    born: np.ndarray, favour: np.ndarray | None = None, regions: int = 1,
+    born: np.ndarray, move_factor: np.ndarray | None = None, regions: int = 1,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
     Move a belief on by one frame, mix it with births, and weigh it by the frame.
@@ -35,35 +35,36 @@ def move_and_weigh(
     weight : (..., rows, cols) ndarray
         Likelihood of each cell.
     stays : (...,) ndarray
-        Factor of what has moved.
+        Factor of the moved belief.
     born : (...,) ndarray
-        Probability that an object appears, anywhere in the frame.
-    favour : (kept, n, rows, cols) ndarray, optional
+        Probability that an object appears, uniformly in the frame.
+    move_factor : (kept, n, rows, cols) ndarray, optional
         Factor of every move by the cell that it starts in.
     regions
-        Sub-regions that are worked on in parallel.
+        Sub-regions that are processed in parallel.
 
     Returns
     -------
     (dropped, kept, ..., rows, cols) ndarray
         ``weight * (stays * moved + born)``, not normalised.
     (...,) ndarray
-        What of the belief is still inside the frame after the move.
+        Sum of the moved belief: the part that is still inside the frame.
     (...,) ndarray
-        Sum of what is returned first.
+        Sum of the first array.
 
     """
     batch, (rows, cols) = weight.shape[:-2], weight.shape[-2:]
     weights = weight.reshape(-1, rows, cols)
     planes = np.ascontiguousarray(belief).reshape(*belief.shape[:2], *weights.shape)
-    share = np.outer(model.history / (rows * cols), np.broadcast_to(born, batch))
-    lives_on = np.array(np.broadcast_to(stays, batch)).ravel()
+    births = np.outer(model.history / (rows * cols), np.broadcast_to(born, batch))
+    survives = np.array(np.broadcast_to(stays, batch)).ravel()
     after = np.empty((model.history.size, *weights.shape))
     sums = np.empty((2, len(weights), -(-rows // BLOCK), cols))
-    factor = np.empty((0, 0, 0, 0)) if favour is None else np.ascontiguousarray(favour)
+    factor = np.ascontiguousarray(
+        np.empty((0, 0, 0, 0)) if move_factor is None else move_factor)
     in_bands(
         lambda first, last: grid_kernels.move_and_weigh(
-            planes, model.kernel, model.moves, factor, weights, lives_on, share, first, last,
+            planes, model.kernel, model.moves, factor, weights, survives, births, first, last,
             after, sums),
         rows, regions, BLOCK)
     inside, mass = sums.sum(axis=(2, 3)).reshape(2, *batch)
@@ -72,7 +73,7 @@ def move_and_weigh(
 
 def expect_belief(model: MoveModel, value: np.ndarray) -> np.ndarray:
     """
-    Return what is expected of a value after the move, by where it starts.
+    Return the expectation of a value after the move, given history and cell before it.
 
     It is the adjoint of the move in :func:`move_and_weigh`.
 
@@ -96,24 +97,28 @@ def expect_belief(model: MoveModel, value: np.ndarray) -> np.ndarray:
         shifted(by_move[:, number], -move, 0.0) for number, move in enumerate(model.moves)],
         axis=1)
     expected = model.kernel.swapaxes(1, 2) @ back.reshape(kept, count, -1)
-    return expected.swapaxes(0, 1).reshape(value.shape)
+    return np.asarray(expected.swapaxes(0, 1).reshape(value.shape))
 
 
-def born_belief(model: MoveModel, shape: tuple[int, ...]) -> np.ndarray:
-    """Return where an object appears, (dropped, kept, 1, ..., 1): alike in every cell."""
+def birth_belief(model: MoveModel, shape: tuple[int, ...]) -> np.ndarray:
+    """Return b(x), the distribution of a birth, (dropped, kept, 1, ..., 1): uniform in cells."""
     rows, cols = shape[-2:]
-    share = model.history / (rows * cols)
-    return share.reshape(*share.shape, *[1] * len(shape))
+    return over_runs(model.history[..., None, None] / (rows * cols), len(shape) - 2)
 
 
 def over_runs(planes: np.ndarray, axes: int) -> np.ndarray:
-    """Give (a, b, rows, cols) so many axes of runs before the rows."""
+    """Return (a, b, rows, cols) with as many axes of length one before the rows."""
     return planes.reshape(*planes.shape[:2], *[1] * axes, *planes.shape[2:])
+
+
+def as_plane(value: np.ndarray) -> np.ndarray:
+    """Return (...,) with axes of length one for rows and columns."""
+    return value[..., None, None]
 
 
 def total(belief: np.ndarray) -> np.ndarray:
     """Return the sum over histories and cells, (...,)."""
-    return belief.sum(axis=(0, 1, -2, -1))
+    return np.asarray(belief.sum(axis=(0, 1, -2, -1)))
 
 
 def cell_moments(
@@ -127,7 +132,7 @@ def cell_moments(
     belief : (dropped, kept, ..., rows, cols) ndarray
         Probability of each history and cell, with sum one.
     model
-        Velocity that each history stands for.
+        Mean and covariance of the velocity given each history.
     cell_size_m
         Side of a cell [m].
 

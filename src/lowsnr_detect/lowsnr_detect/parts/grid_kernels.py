@@ -9,13 +9,13 @@ from __future__ import annotations
 from lowsnr_common.core.compiled import compiled
 import numpy as np
 
-# Rows whose probability is added up together, whatever the bands of rows.
+# Rows whose probabilities are summed together, so that the sum does not depend on the bands.
 BLOCK = 16
 
 
 @compiled
 def move_and_weigh(
-    belief: np.ndarray, kernel: np.ndarray, moves: np.ndarray, favour: np.ndarray,
+    belief: np.ndarray, kernel: np.ndarray, moves: np.ndarray, move_factor: np.ndarray,
     weight: np.ndarray, stays: np.ndarray, born: np.ndarray, first: int, last: int,
     after: np.ndarray, sums: np.ndarray,
 ) -> None:
@@ -23,11 +23,11 @@ def move_and_weigh(
     Write ``(moved belief * stays + born) * weight`` for all histories, cells and runs.
 
     The belief is (dropped, kept, B, rows, cols), ``kernel`` (kept, n, dropped) as in
-    :class:`lowsnr_detect.parts.moves.MoveModel`, ``favour`` (kept, n, rows, cols) or empty,
-    ``weight`` (B, rows, cols), ``stays`` (B,), ``born`` (H, B) alike in all cells; ``after`` is
-    (H, B, rows, cols) with the newest move fastest in H, or all moves added up where H is 1.
-    ``sums`` (2, B, blocks, cols) are given what of the belief is still in the frame, and what is
-    written, by column and block of rows.
+    :class:`lowsnr_detect.parts.moves.MoveModel`, ``move_factor`` (kept, n, rows, cols) or empty,
+    ``weight`` (B, rows, cols), ``stays`` (B,), ``born`` (H, B) the same in all cells.  The
+    result ``after`` is (H, B, rows, cols) with the newest move fastest in H, or the sum over all
+    moves where H is 1.  ``sums`` (2, B, blocks, cols) gets the sums of the moved belief and of
+    the result, by column and block of rows.
     """
     kept, count, dropped = kernel.shape
     cols = weight.shape[2]
@@ -41,12 +41,12 @@ def move_and_weigh(
                     source = row - moves[move, 0]
                     if not 0 <= source < weight.shape[1]:
                         pass
-                    elif dropped == 1 and favour.size == 0:
+                    elif dropped == 1 and move_factor.size == 0:
                         _shift(
                             belief[0, past, run, source], kernel[past, move, 0], moves[move, 1],
                             moved)
                     else:
-                        _spread(belief, kernel, favour, past, move, run, source, spread)
+                        _spread(belief, kernel, move_factor, past, move, run, source, spread)
                         _shift(spread, 1.0, moves[move, 1], moved)
                     history = past * count + move
                     if len(after) == 1:
@@ -60,10 +60,10 @@ def move_and_weigh(
 
 @compiled
 def _spread(
-    belief: np.ndarray, kernel: np.ndarray, favour: np.ndarray, past: int, move: int, run: int,
-    row: int, spread: np.ndarray,
+    belief: np.ndarray, kernel: np.ndarray, move_factor: np.ndarray, past: int, move: int,
+    run: int, row: int, spread: np.ndarray,
 ) -> None:
-    """Write the probability of a move from the cells of a row."""
+    """Write the probability of a move from each cell of a row."""
     here, prob = belief[0, past, run, row], kernel[past, move, 0]
     for col in range(len(spread)):
         spread[col] = prob * here[col]
@@ -71,13 +71,13 @@ def _spread(
         here, prob = belief[before, past, run, row], kernel[past, move, before]
         for col in range(len(spread)):
             spread[col] += prob * here[col]
-    if favour.size > 0:
-        spread *= favour[past, move, row]
+    if move_factor.size > 0:
+        spread *= move_factor[past, move, row]
 
 
 @compiled
 def _shift(spread: np.ndarray, prob: float, step: int, moved: np.ndarray) -> None:
-    """Add a row times a probability, moved by so many columns."""
+    """Add a row times a probability, shifted by ``step`` columns."""
     size = len(moved) - abs(step)
     here, into = spread[max(-step, 0):], moved[max(step, 0):]
     for col in range(size):

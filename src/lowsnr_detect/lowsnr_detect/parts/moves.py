@@ -1,9 +1,9 @@
 """
 Motion on the grid: which cell an object moves to from a frame to the next.
 
-A move is a displacement in whole cells.  How likely it is, given up to two moves before it,
-follows from the motion modes: objects are drawn anywhere in a cell with the speeds, headings
-and modes they appear with, moved on, and their moves are counted.
+A move is a displacement in whole cells.  Its probability, given up to two moves before it,
+follows from the motion modes: objects are drawn uniformly in a cell with the speeds, headings
+and modes they appear with, moved, and their moves are counted.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from lowsnr_detect.parts.bands import in_bands
 from lowsnr_detect.parts.path_kernels import best_moves
 import numpy as np
 
+# Simulated objects: the standard error of a probability is at most 0.5 / sqrt(400 000) = 0.0008.
 _SAMPLES = 400_000
 _SEED = 0
 
@@ -30,7 +31,7 @@ class MoveModel:
     Probabilities of moves, given the last ones.
 
     With n moves, the history of a cell is the pair (dropped, kept): of two remembered moves
-    the older is dropped when the next is made; of one, it is dropped; an axis that is not
+    the older is dropped when the next is made; a single one is dropped; an axis that is not
     needed has length one.
 
     Parameters
@@ -72,7 +73,7 @@ def move_model(motion: MotionModes, sensor: SensorModel, order: int) -> MoveMode
     Returns
     -------
     MoveModel
-        Moves of at most the cells that the highest speed covers, rounded up.
+        Its moves go at most as many cells as the highest speed covers, rounded up.
 
     """
     radius = max(1, math.ceil(motion.max_speed_mps * sensor.frame_period_s / sensor.cell_size_m))
@@ -86,19 +87,20 @@ def move_model(motion: MotionModes, sensor: SensorModel, order: int) -> MoveMode
     past = number[:, :order] @ count ** np.arange(order)[::-1]
     pairs = np.bincount(past * count + number[:, order], minlength=size * count)
     overall = np.bincount(number[:, order], minlength=count) + 1.0 / count
-    # One more object for every history, with the moves of all, so that none is impossible.
+    # One more object for every history, whose moves are those of all objects: no move is
+    # impossible.
     pairs = pairs.reshape(size, count) + overall / overall.sum()
     dropped, kept = (count, count) if order == 2 else (size, 1)
     kernel = (pairs / pairs.sum(axis=1, keepdims=True)).reshape(dropped, kept, count)
-    share = pairs.sum(axis=1).reshape(dropped, kept)
+    history = pairs.sum(axis=1).reshape(dropped, kept)
     mean, cov = _moments(velocity[near], past, size)
     return MoveModel(
-        moves, kernel.transpose(1, 2, 0).copy(), share / share.sum(),
+        moves, kernel.transpose(1, 2, 0).copy(), history / history.sum(),
         mean.reshape(dropped, kept, 2), cov.reshape(dropped, kept, 2, 2))
 
 
 def shifted(plane: np.ndarray, move: np.ndarray, fill: float) -> np.ndarray:
-    """Return a plane (..., rows, cols) moved by (rows, cols); what comes in is ``fill``."""
+    """Return a plane (..., rows, cols) moved by (rows, cols); cells that enter are ``fill``."""
     result = np.full_like(plane, fill)
     target, source = zip(*(_slices(int(step)) for step in move), strict=True)
     result[(..., *target)] = plane[(..., *source)]
@@ -115,7 +117,7 @@ def best_vicinity(
     plane: np.ndarray, moves: np.ndarray, log_prob: np.ndarray, regions: int = 1,
 ) -> np.ndarray:
     """
-    Return the best of all moves into each cell, each with its own bonus.
+    Return the largest value that may move into each cell, with the log probability of its move.
 
     Parameters
     ----------
@@ -124,9 +126,9 @@ def best_vicinity(
     moves : (n, 2) ndarray of int
         Rows and columns of each move.
     log_prob : (n,) or (n, rows, cols) ndarray
-        Log probability that is added with the move, by the cell it starts in [nat].
+        Log probability of the move, by the cell it starts in [nat].
     regions
-        Sub-regions that are worked on in parallel.
+        Sub-regions that are processed in parallel.
 
     Returns
     -------
@@ -134,14 +136,41 @@ def best_vicinity(
         ``max over moves (plane before the move + log_prob)``.
 
     """
-    bonus = np.ascontiguousarray(log_prob, dtype=plane.dtype)
-    bonus = bonus.reshape(len(moves), *(bonus.shape[1:] or (1, 1)))
+    added = np.ascontiguousarray(log_prob, dtype=plane.dtype)
+    added = added.reshape(len(moves), *(added.shape[1:] or (1, 1)))
     planes = np.ascontiguousarray(plane).reshape(-1, *plane.shape[-2:])
     best = np.empty_like(planes)
     rows = plane.shape[-2]
     in_bands(
-        lambda first, last: best_moves(planes, moves, bonus, first, last, best), rows, regions)
+        lambda first, last: best_moves(planes, moves, added, first, last, best), rows, regions)
     return best.reshape(plane.shape)
+
+
+def vicinity_max(plane: np.ndarray, radius: int) -> np.ndarray:
+    """
+    Return the largest value within ``radius`` cells in both directions.
+
+    Parameters
+    ----------
+    plane : (..., rows, cols) ndarray
+        Values; outside the frame counts as -inf.
+    radius
+        Cells on each side.
+
+    Returns
+    -------
+    (..., rows, cols) ndarray
+        Maximum over the (2 radius + 1)^2 cells around each cell.
+
+    """
+    for axis in (-1, -2):
+        source = np.moveaxis(plane, axis, -1)
+        widest = source.copy()
+        for shift in range(1, min(radius, source.shape[-1] - 1) + 1):
+            np.maximum(widest[..., shift:], source[..., :-shift], out=widest[..., shift:])
+            np.maximum(widest[..., :-shift], source[..., shift:], out=widest[..., :-shift])
+        plane = np.moveaxis(widest, -1, axis)
+    return plane
 
 
 def _simulated_moves(
@@ -167,7 +196,7 @@ def _moments(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return mean (groups, 2) and covariance (groups, 2, 2); those of all for an empty group."""
     def sums(values: np.ndarray) -> np.ndarray:
-        return np.bincount(group, weights=values, minlength=groups) + values.mean()
+        return np.asarray(np.bincount(group, weights=values, minlength=groups) + values.mean())
 
     weight = sums(np.ones(len(group)))
     mean = np.stack([sums(v) for v in velocity.T], axis=-1) / weight[:, None]

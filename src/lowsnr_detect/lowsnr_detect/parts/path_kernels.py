@@ -1,10 +1,12 @@
 """
-Loops over the cells of planes.
+Compiled loops of the path detectors over the cells of planes.
 
-Each writes the rows from ``first`` to ``last``, so that bands of rows may be worked on in
-parallel; arrays are C-contiguous, and B counts independent runs.  The innermost loops go along
-a row, over arrays as long as the row, which is what compilers turn into vector instructions.
-What they compute is said by the functions that call them, and held to plain NumPy by the tests.
+Each writes the rows from ``first`` to ``last``, so that bands of rows may be processed in
+parallel; arrays are C-contiguous, and B is the number of independent runs.  The innermost loops
+go along a row, over arrays as long as the row, which compilers turn into vector instructions.
+Their definitions in NumPy are :func:`lowsnr_detect.detectors.sdt.sequential_test`,
+:func:`lowsnr_detect.detectors.cusum.page_recursion` and
+:func:`lowsnr_detect.parts.moves.best_vicinity`; tests hold the loops equal to them.
 """
 
 from __future__ import annotations
@@ -12,9 +14,9 @@ from __future__ import annotations
 from lowsnr_common.core.compiled import compiled
 import numpy as np
 
-# Rows that are worked on plane by plane, so that what the planes share stays near.
+# Rows that pass through all planes together, so that they stay in the cache of the processor.
 BLOCK = 64
-# No path; of the type of the planes, so that what it meets is not widened.
+# No path, and no bound; of the type of the planes, so that no value is widened to float64.
 _NONE, _ALL = np.float32(-np.inf), np.float32(np.inf)
 
 
@@ -25,13 +27,14 @@ def extend_paths(
     paths: np.ndarray, decided: np.ndarray, peak: np.ndarray,
 ) -> None:
     """
-    Extend paths (D - 1, B, rows, cols) by a frame (B, rows, cols) into as many.
+    Extend open paths (D - 1, B, rows, cols) by a frame (B, rows, cols).
 
-    The best within ``radius`` gains ``factor * frame - offset``; a new path gains ``start``
-    (rows, cols) too, where that is not empty, and starts where ``unused`` by others, or anywhere.
-    A path ends at the first of the ``bounds``; above the second, or with D frames, it is up for
-    decision.  Of these ``peak`` (B, rows) is given the best of each row, and ``decided``
-    (B, rows, cols) that of each cell, in no other rows than hold one above the third bound.
+    The best path within ``radius`` cells gains the log ratio ``factor * frame - offset``.  A path
+    starts in every cell, or with ``unused`` only outside the vicinity of all open paths; ``start``
+    (rows, cols), unless empty, is added to it.  A path below the first of the ``bounds`` is
+    dropped; one above the second, or with D frames, is decided.  ``peak`` (B, rows) gets the
+    largest decided path of each row, and ``decided`` (B, rows, cols) that of each cell, in the
+    rows whose peak exceeds the third bound.
     """
     depths, cols, size = len(state), frame.shape[2], min(BLOCK, last - first)
     lower, upper, threshold = np.float32(bounds[0]), np.float32(bounds[1]), np.float32(bounds[2])
@@ -43,12 +46,12 @@ def extend_paths(
     for run in range(len(frame)):
         for block in range(first, last, BLOCK):
             stop = min(block + BLOCK, last)
-            _begin(frame[run], block, stop, factor, offset, ratio)
+            _log_ratios(frame[run], block, stop, factor, offset, ratio)
             if unused or start.size > 0:
                 fresh[:] = ratio
             if start.size > 0:
                 fresh[:stop - block] += start[block:stop]
-            # The longest come first: the others give up to them.
+            # The longest paths come first: shorter ones that are declared early join them.
             if depths > 0:
                 _extend(
                     state[depths - 1, run], ratio, block, stop, radius, unused, _NONE, _ALL, wide,
@@ -65,7 +68,7 @@ def extend_paths(
 
 
 @compiled
-def _begin(
+def _log_ratios(
     frame: np.ndarray, first: int, stop: int, factor: float, offset: float, ratios: np.ndarray,
 ) -> None:
     """Write the log ratios of the cells."""
@@ -76,8 +79,8 @@ def _begin(
 
 
 @compiled
-def _use(left: np.ndarray, tall: np.ndarray, right: np.ndarray, fresh: np.ndarray) -> None:
-    """Let no path start where one may go on."""
+def _drop_used(left: np.ndarray, tall: np.ndarray, right: np.ndarray, fresh: np.ndarray) -> None:
+    """Start no path where an open one may arrive."""
     for col in range(len(fresh)):
         most = left[col] if left[col] > right[col] else right[col]
         most = tall[col] if tall[col] > most else most
@@ -90,7 +93,7 @@ def _extend(
     lower: float, upper: float, wide: np.ndarray, around: np.ndarray, out: np.ndarray,
     decided: np.ndarray, fresh: np.ndarray,
 ) -> None:
-    """Extend the best paths around each cell; ``wide`` has margins of -inf."""
+    """Extend the best path of each vicinity; ``wide`` has margins of -inf."""
     rows, cols = plane.shape
     tall = wide[radius:radius + cols]
     left, right = wide[:cols], wide[2 * radius:2 * radius + cols]
@@ -101,10 +104,10 @@ def _extend(
             most = above[col] if above[col] > below[col] else below[col]
             tall[col] = here[col] if here[col] > most else most
         if radius > 1:
-            _widen(plane, top + 1, bottom, tall)
-            left = right = _beside(wide, radius, around)
+            _column_max(plane, top + 1, bottom, tall)
+            left = right = _row_max(wide, radius, around)
         if unused:
-            _use(left, tall, right, fresh[row - first])
+            _drop_used(left, tall, right, fresh[row - first])
         early, ratio, new = 0, ratios[row - first], out[row - first]
         for col in range(cols):
             most = left[col] if left[col] > right[col] else right[col]
@@ -112,12 +115,12 @@ def _extend(
             early += value > upper
             new[col] = value if value > lower else _NONE
         if early:
-            _give_up(new, upper, decided[row - first])
+            _declare_early(new, upper, decided[row - first])
 
 
 @compiled
-def _widen(plane: np.ndarray, first: int, last: int, most: np.ndarray) -> None:
-    """Let ``most`` be the largest of itself and rows of a plane."""
+def _column_max(plane: np.ndarray, first: int, last: int, most: np.ndarray) -> None:
+    """Raise ``most`` to the largest of each column of some rows of a plane."""
     for row in range(first, last):
         other = plane[row]
         for col in range(len(most)):
@@ -125,8 +128,8 @@ def _widen(plane: np.ndarray, first: int, last: int, most: np.ndarray) -> None:
 
 
 @compiled
-def _beside(wide: np.ndarray, radius: int, most: np.ndarray) -> np.ndarray:
-    """Return the largest within ``radius`` along a row."""
+def _row_max(wide: np.ndarray, radius: int, most: np.ndarray) -> np.ndarray:
+    """Write the largest within ``radius`` along a row, and return it."""
     most[:] = _NONE
     for shift in range(2 * radius + 1):
         other = wide[shift:shift + len(most)]
@@ -139,19 +142,19 @@ def _beside(wide: np.ndarray, radius: int, most: np.ndarray) -> np.ndarray:
 def _bound(
     fresh: np.ndarray, lower: float, upper: float, out: np.ndarray, decided: np.ndarray,
 ) -> None:
-    """Write the sums that are above ``lower``."""
+    """Write the new paths that are above ``lower``, and declare those above ``upper``."""
     for row in range(len(out)):
         early, value, new = 0, fresh[row], out[row]
         for col in range(len(new)):
             early += value[col] > upper
             new[col] = value[col] if value[col] > lower else _NONE
         if early:
-            _give_up(new, upper, decided[row])
+            _declare_early(new, upper, decided[row])
 
 
 @compiled
-def _give_up(new: np.ndarray, upper: float, decided: np.ndarray) -> None:
-    """Close the paths above ``upper``, and remember the best of them."""
+def _declare_early(new: np.ndarray, upper: float, decided: np.ndarray) -> None:
+    """Close the paths above ``upper``, and add them to the decided ones."""
     for col in range(len(new)):
         if new[col] > upper:
             decided[col] = max(new[col], decided[col])
@@ -162,7 +165,7 @@ def _give_up(new: np.ndarray, upper: float, decided: np.ndarray) -> None:
 def _decide(
     best: np.ndarray, threshold: float, decided: np.ndarray, peak: np.ndarray,
 ) -> None:
-    """Write the largest of each row, and the rows with one above the threshold."""
+    """Write the largest of each row, and the rows whose largest exceeds the threshold."""
     for row in range(len(decided)):
         here = best[row]
         peak[row] = _largest(here)
@@ -172,7 +175,7 @@ def _decide(
 
 @compiled
 def _largest(row: np.ndarray) -> float:
-    """Return the largest of a row, by four that do not wait for one another."""
+    """Return the largest of a row, in four independent sequences that run in parallel."""
     one = two = three = four = row[0]
     even = len(row) // 4 * 4
     for col in range(0, even, 4):
@@ -182,22 +185,22 @@ def _largest(row: np.ndarray) -> float:
         four = row[col + 3] if row[col + 3] > four else four
     for col in range(even, len(row)):
         one = row[col] if row[col] > one else one
-    return max(one, two, three, four)
+    return max(one, two, three, four)  # type: ignore[no-any-return]
 
 
 @compiled
 def best_moves(
-    planes: np.ndarray, moves: np.ndarray, bonus: np.ndarray, first: int, last: int,
+    planes: np.ndarray, moves: np.ndarray, log_prob: np.ndarray, first: int, last: int,
     best: np.ndarray,
 ) -> None:
     """
-    Write the largest of what may move into each cell of planes (P, rows, cols).
+    Write the largest value that may move into each cell of planes (P, rows, cols).
 
-    A move (rows, cols) of ``moves`` (n, 2) from a cell adds its ``bonus``, (n, rows, cols), or
-    (n, 1, 1) where it is that of all cells.
+    A move (rows, cols) of ``moves`` (n, 2) adds its ``log_prob``, (n, rows, cols) by the cell it
+    starts in, or (n, 1, 1) if it is the same for all cells.
     """
     count, rows, cols = planes.shape
-    alike = bonus.shape[1] * bonus.shape[2] == 1
+    uniform = log_prob.shape[1] * log_prob.shape[2] == 1
     for number in range(count):
         for row in range(first, last):
             best[number, row] = _NONE
@@ -208,13 +211,13 @@ def best_moves(
                 left, size = max(-step, 0), cols - abs(step)
                 here = planes[number, source, left:left + size]
                 into = best[number, row, max(step, 0):max(step, 0) + size]
-                if alike:
-                    gain = bonus[move, 0, 0]
+                if uniform:
+                    gain = log_prob[move, 0, 0]
                     for col in range(size):
                         value = here[col] + gain
                         into[col] = value if value > into[col] else into[col]
                 else:
-                    gains = bonus[move, source, left:left + size]
+                    gains = log_prob[move, source, left:left + size]
                     for col in range(size):
                         value = here[col] + gains[col]
                         into[col] = value if value > into[col] else into[col]

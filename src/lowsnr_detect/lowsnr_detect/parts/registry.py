@@ -6,13 +6,23 @@ from collections.abc import Callable
 import difflib
 from typing import TypeVar
 
-C = TypeVar('C', bound=type)
-DETECTORS: dict[str, type] = {}
+from lowsnr_detect.parts.detector import Detector
+
+D = TypeVar('D', bound=Detector)
+DETECTORS: dict[str, type[Detector]] = {}
 
 
-def register(name: str) -> Callable[[C], C]:
-    """Register a detector class under a name."""
-    def keep(cls: C) -> C:
+def register(name: str) -> Callable[[type[D]], type[D]]:
+    """
+    Register a detector class under a name.
+
+    Raises
+    ------
+    ValueError
+        If another class has the name.
+
+    """
+    def keep(cls: type[D]) -> type[D]:
         if name in DETECTORS:
             raise ValueError(f'detector {name!r} is registered twice')
         DETECTORS[name] = cls
@@ -20,14 +30,14 @@ def register(name: str) -> Callable[[C], C]:
     return keep
 
 
-def detector_class(name: str) -> type:
+def detector_class(name: str) -> type[Detector]:
     """
     Return the detector class of a name.
 
     Raises
     ------
     ValueError
-        If there is none; names those that there are.
+        If no detector has the name; the message lists the names that exist.
 
     """
     import lowsnr_detect.detectors  # noqa: F401  (its files register themselves)

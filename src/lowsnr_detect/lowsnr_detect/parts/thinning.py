@@ -1,4 +1,4 @@
-"""From cells that crossed a threshold to a few declarations: one for each object."""
+"""From the cells that cross a threshold to declarations: one for each object."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ import numpy as np
 
 
 def declare_cells(
-    excess: np.ndarray, peak: np.ndarray, *, reach: int, most: int, cell_size_m: float,
-    position_std_m: float,
+    plane: np.ndarray, threshold: float, *, reach: int, most: int, cell_size_m: float,
+    position_std_m: float, row_peaks: np.ndarray | None = None,
 ) -> Declarations:
     """
-    Thin crossing cells, strongest first, and make declarations of what is left.
+    Declare the cells of a plane above a threshold, and thin them, strongest first.
 
-    A path or a point spread makes neighbouring cells cross together.  The strongest cell
-    is kept and takes with it all others within ``reach`` cells, then the next strongest.
+    A path or a point spread makes neighbouring cells cross the threshold together.  The
+    strongest cell is kept and suppresses all others within ``reach`` cells, then the next
+    strongest of the rest.
 
     Parameters
     ----------
-    excess : (..., rows, cols) ndarray
-        How far each cell's log-likelihood ratio lies above the log threshold [nat];
-        -inf where the cell did not cross.
-    peak : (...,) ndarray
-        Largest value of the test statistic [nat], passed on.
+    plane : (..., rows, cols) ndarray of float32
+        Test statistic of each cell [nat].
+    threshold
+        Value that the statistic is compared with [nat].
     reach
         Cells on each side that a declaration suppresses.
     most
@@ -36,38 +36,15 @@ def declare_cells(
         Side of a cell [m].
     position_std_m
         Standard deviation of a declared position per axis [m].
+    row_peaks : (..., rows) ndarray of float32, optional
+        Largest statistic of each row, where it is known; rows of the plane that do not exceed
+        the threshold are then not read.
 
     Returns
     -------
     Declarations
         Scores are ``L / (L + th)``: the posterior probability at the prior odds for which
         the threshold is the Bayes test, so 1/2 at the threshold.
-
-    """
-    crossed = np.flatnonzero(excess > -np.inf)
-    return _thinned(
-        crossed, excess.ravel()[crossed], excess.shape, peak, reach, most, cell_size_m,
-        position_std_m)
-
-
-def declare_above(
-    plane: np.ndarray, threshold: float, *, reach: int, most: int, cell_size_m: float,
-    position_std_m: float, row_peaks: np.ndarray | None = None,
-) -> Declarations:
-    """
-    Declare the cells of a plane above a threshold, thinned as by :func:`declare_cells`.
-
-    Parameters
-    ----------
-    plane : (..., rows, cols) ndarray of float32
-        Test statistic of each cell [nat].
-    threshold
-        What it is compared with [nat].
-    reach, most, cell_size_m, position_std_m
-        As for :func:`declare_cells`.
-    row_peaks : (..., rows) ndarray of float32, optional
-        Largest of each row, where that is known; no other rows of the plane are then looked at
-        than those where it is above the threshold.
 
     """
     if row_peaks is None:
@@ -88,7 +65,7 @@ def declare_above(
 def _empty_slots(
     batch: tuple[int, ...], most: int,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return score, state and covariance of no declarations, which all frames may share."""
+    """Return read-only score, state and covariance of a frame without a declaration."""
     slots = (
         np.zeros((*batch, most)), np.full((*batch, most, 4), np.nan),
         np.full((*batch, most, 4, 4), np.nan))
@@ -101,7 +78,7 @@ def _thinned(
     crossed: np.ndarray, excess: np.ndarray, shape: tuple[int, ...], peak: np.ndarray, reach: int,
     most: int, cell_size_m: float, position_std_m: float,
 ) -> Declarations:
-    """Declare of the cells ``crossed`` (n,) of planes of a shape the strongest, one by one."""
+    """Declare the strongest of the cells ``crossed`` (n,), one after the other."""
     batch, (rows, cols) = shape[:-2], shape[-2:]
     runs = math.prod(batch)
     run, cell = np.divmod(crossed, rows * cols)

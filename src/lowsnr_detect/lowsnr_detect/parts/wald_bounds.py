@@ -1,9 +1,8 @@
 """
-The sequential test of Section IV-A: Wald's bounds, and the same bounds for T_M.
+Both sides of a likelihood ratio test in float32: Wald's bounds, and the log ratio of every cell.
 
-The log-likelihood ratio of M frames along a path is, for a constant intensity I,
-``ln L_M = (I / sigma^2) T_M - M I^2 / (2 sigma^2)``, so the bounds of eq. (6) on T_M
-depend on M while those of eq. (5) on L_M do not.  The detectors therefore add log ratios.
+By the sensor model the log-likelihood ratio of a cell, eq. (4), is
+``ln L(z) = (I / sigma^2) z - I^2 / (2 sigma^2)``: linear in the measurement.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ import numpy as np
 
 def wald_bounds(alpha: float, beta: float) -> tuple[float, float]:
     """
-    Return ln th_1 and ln th_2 of eq. (5) for wanted error probabilities.
+    Return ln th_1 and ln th_2 of eq. (5) for given error probabilities (Wald 1945).
 
     Parameters
     ----------
@@ -29,40 +28,17 @@ def wald_bounds(alpha: float, beta: float) -> tuple[float, float]:
     Returns
     -------
     tuple of float
-        Lower and upper bound on the log-likelihood ratio (Wald 1945) [nat].
+        ``ln(beta / (1 - alpha))`` and ``ln((1 - beta) / alpha)`` [nat].
 
     """
     return math.log(beta / (1.0 - alpha)), math.log((1.0 - beta) / alpha)
-
-
-def statistic_bound(log_threshold: float, iterations: int, sensor: SensorModel) -> float:
-    """
-    Return the bound th'(M) on T_M that stands for a bound on ln L_M.
-
-    Parameters
-    ----------
-    log_threshold
-        Bound on the log-likelihood ratio [nat].
-    iterations
-        Number of frames M in the sum.
-    sensor
-        Intensity I and noise sigma, without blur.
-
-    Returns
-    -------
-    float
-        ``(sigma^2 / I) ln(th) + M I / 2``, in units of the frame.
-
-    """
-    intensity = sensor.intensity
-    return sensor.noise_std**2 / intensity * log_threshold + iterations * intensity / 2.0
 
 
 def ratio_terms(
     sensor: SensorModel, frame: np.ndarray,
 ) -> tuple[np.ndarray, np.float32, np.float32]:
     """
-    Return what the log-likelihood ratio of every cell is made of.
+    Return the terms of the log-likelihood ratio of every cell.
 
     Parameters
     ----------
@@ -74,9 +50,9 @@ def ratio_terms(
     Returns
     -------
     plane : (B, rows, cols) ndarray
-        The frame, or the ratio where it is not one of the cell alone; B is the number of runs.
+        The frame; with blur, the log ratio itself.  B is the number of runs.
     factor, offset : float32
-        ``float32(plane) * factor - offset`` is the ratio [nat].
+        ``float32(plane) * factor - offset`` is the log ratio [nat].
 
     """
     plane = sensor.log_likelihood_ratio(frame) if sensor.blur_m > 0.0 else frame
@@ -95,7 +71,7 @@ def _scale(sensor: SensorModel) -> tuple[np.float32, np.float32]:
 
 @functools.lru_cache(maxsize=256)
 def floor32(bound: float) -> np.float32:
-    """Return the largest float32 that is not above a bound: ``>`` says of both the same."""
+    """Return the largest float32 that is not above a bound: a float32 exceeds both or none."""
     most = float(np.finfo(np.float32).max)
     bound = min(max(bound, -most), most)
     near = np.float32(bound)

@@ -1,8 +1,8 @@
 """
-The figures of Section VI and those beyond, as SVG and PNG.
+The figures of Section VI and further ones, as SVG and PNG.
 
-Line styles are the paper's, solid and dashed; colours are those of Okabe and Ito, which
-colour-blind readers can tell apart, and every method has a marker too.
+Line styles are the paper's, solid and dashed.  The colours are those of Okabe and Ito, which
+colour-blind readers can tell apart, and every method has its own marker.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _TITLES = {
     'pd': '$P_D$, or $P_{FA}$ outside', 'rmse_position_m': 'RMSE of position [m]',
     'rmse_velocity_mps': 'RMSE of velocity [m/s]', 'gospa_m': 'GOSPA [m]', 'hits': 'objects hit'}
 _DOTS_PER_INCH = 150
-# More bands than these cover each other; the tables have all of them.
+# More bands than this cover each other; the tables hold all of them.
 _MOST_BANDS = 4
 
 
@@ -45,11 +45,11 @@ class Series:
     label
         Legend.
     style
-        Line style as matplotlib has it.
+        Line style of matplotlib.
     number
-        Chooses colour and marker.
+        Selects colour and marker.
     curves
-        Level -> measure -> (3, frames) of value and band; a level may be missing.
+        Value and band, (3, frames), by level and measure; a level may be missing.
 
     """
 
@@ -81,7 +81,7 @@ def curves_over_frames(
     """
     Draw measures (rows) over frames for detections and tracks (columns), with bands.
 
-    In frames without the object the P_D panel shows the share of runs with a declaration.
+    In frames without the object the P_D panels show the share of runs with a declaration.
     """
     levels = ('detection', 'tracking')
     figure, panels = _figure(7.4, 2.2 * len(measures) + 0.9, len(measures), len(levels))
@@ -117,13 +117,13 @@ def single_run(
         measure, level = measures[number // 2], ('detection', 'tracking')[number % 2]
         for n, name in enumerate(names):
             curve = curves.get((name, level, measure), np.array([]))
-            label = name.replace('$', r'\$')  # which would begin a formula
-            axes.plot(np.arange(1, len(curve) + 1), curve, label=label, linewidth=0.8, **_look(n))
+            label = name.replace('$', r'\$')  # '$' would begin a formula
+            axes.plot(np.arange(1, len(curve) + 1), curve, label=label, linewidth=0.8,
+                      **_marking(n))
             axes.set_xlim(0.5, len(curve) + 0.5)
-        for stretch in np.split(np.array(present), np.flatnonzero(np.diff(present) > 1) + 1):
-            if stretch.size:
-                axes.axvspan(stretch[0] - 0.5, stretch[-1] + 0.5, color='0.5', alpha=0.08,
-                             linewidth=0)
+        for part in np.split(np.array(present), np.flatnonzero(np.diff(present) > 1) + 1):
+            if part.size:
+                axes.axvspan(part[0] - 0.5, part[-1] + 0.5, color='0.5', alpha=0.08, linewidth=0)
         axes.set_ylim(bottom=0.0)
         if number % 2 == 0:
             axes.set_ylabel(_TITLES[measure])
@@ -143,11 +143,11 @@ def detection_against_false_alarms(
     for axes, (title, methods) in zip(all_axes, panels.items()):
         for number, (label, curve) in enumerate(methods.items()):
             shown = np.array([(x, y) for x, y in curve if x > 0.0]).reshape(-1, 2)
-            look = _look(number)
-            axes.plot(*shown.T, label=label, **look)
+            marking = _marking(number)
+            axes.plot(*shown.T, label=label, **marking)
             if label in nominal[title]:
                 axes.plot(*nominal[title][label], linestyle='none', markersize=10,
-                          marker='*', color=look['color'], markeredgecolor='black')
+                          marker='*', color=marking['color'], markeredgecolor='black')
         axes.axvline(0.01, color='0.4', linewidth=0.8, linestyle=':')
         axes.set(xscale='log', ylim=(0.0, 1.02), title=title,
                  xlabel='$P_{FA}$ per empty frame', ylabel='$P_D$')
@@ -163,7 +163,7 @@ def detection_against_snr(
     figure, all_axes = _figure(7.4, 3.7, 1, len(panels))
     for axes, (title, methods) in zip(all_axes, panels.items()):
         for number, (label, curve) in enumerate(methods.items()):
-            axes.plot(*np.array(curve).reshape(-1, 2).T, label=label, **_look(number))
+            axes.plot(*np.array(curve).reshape(-1, 2).T, label=label, **_marking(number))
         axes.set(ylim=(0.0, 1.02), title=title, xlabel='SNR [dB]', ylabel='$P_D$, detections')
     _legend_below(figure, all_axes[0])
     return figure
@@ -197,7 +197,7 @@ def _figure(width: float, height: float, rows: int, cols: int) -> tuple[Figure, 
     return figure, list(np.ravel(figure.subplots(rows, cols, squeeze=False)))
 
 
-def _look(number: int) -> dict[str, Any]:
+def _marking(number: int) -> dict[str, Any]:
     number %= len(_COLOURS)
     return {'color': _COLOURS[number], 'marker': _MARKERS[number]}
 
@@ -211,10 +211,10 @@ def _draw_line(
     if np.isnan(curve[0]).all():
         return
     value, low, high = curve
-    frames, look = np.arange(1, len(value) + 1), _look(line.number)
-    axes.plot(frames, value, linestyle=line.style, label=line.label, markevery=5, **look)
+    frames, marking = np.arange(1, len(value) + 1), _marking(line.number)
+    axes.plot(frames, value, linestyle=line.style, label=line.label, markevery=5, **marking)
     if band:
-        axes.fill_between(frames, low, high, color=look['color'], alpha=0.15, linewidth=0)
+        axes.fill_between(frames, low, high, color=marking['color'], alpha=0.15, linewidth=0)
 
 
 def _legend_below(figure: Figure, axes: Axes) -> None:

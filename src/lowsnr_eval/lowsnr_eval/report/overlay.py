@@ -23,14 +23,14 @@ _BLACK = (0, 0, 0)
 _CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
 _AROUND = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
 _CIRCLE = np.stack([np.cos(_AROUND), np.sin(_AROUND)], axis=-1)
-# OpenCV takes places in 1/16 of a pixel; what lies farther out than this is not seen anyway.
+# OpenCV takes positions in 1/16 of a pixel; points farther away than this are not visible.
 _SHIFT, _FARTHEST = 4, 2.0**20
 _LINE, _EDGE = 2, 4
 
 
 @dataclass(frozen=True)
 class Scene:
-    """What is known of a frame; ``trails`` is what :meth:`Trails.add` returned."""
+    """Objects, declarations and tracks of a frame; ``trails`` come from :meth:`Trails.add`."""
 
     truth: Sequence[Estimate] = ()
     detections: Sequence[Estimate] = ()
@@ -39,7 +39,7 @@ class Scene:
 
 
 class Trails:
-    """The past of the tracks, over a number of frames."""
+    """The positions of the tracks in the last ``frames`` frames."""
 
     def __init__(self, frames: int) -> None:
         self._frames = frames
@@ -48,7 +48,7 @@ class Trails:
 
     def add(self, tracks: Iterable[Estimate]) -> dict[str, np.ndarray]:
         """
-        Take the tracks of a frame.
+        Add the tracks of a frame.
 
         Returns
         -------
@@ -70,17 +70,18 @@ class Trails:
 
 
 def ellipse(track: Estimate, sigmas: float) -> np.ndarray:
-    """Return points of the ellipse of a track's position, (48, 2) [m]; NaN where not known."""
+    """Return points of the ellipse of a track's position, (48, 2) [m]; NaN if unknown."""
     cov = track.cov[np.ix_(POS, POS)]
     if not np.isfinite(cov).all():
         return np.full_like(_CIRCLE, np.nan)
     values, vectors = np.linalg.eigh(cov)
     axes = vectors * (sigmas * np.sqrt(np.maximum(values, 0.0)))
-    return track.state[POS] + _CIRCLE @ axes.T
+    points: np.ndarray = track.state[POS] + _CIRCLE @ axes.T
+    return points
 
 
 def zoom_of(shape: tuple[int, int], side: int) -> int:
-    """Return how many pixels of an overlay are the side of a cell."""
+    """Return the side of a cell in an overlay of at least ``side`` pixels [pixels]."""
     return max(1, -(-side // max(shape)))
 
 
@@ -89,16 +90,16 @@ def draw(greys: np.ndarray, scene: Scene, settings: ViewSettings) -> np.ndarray:
     Return an overlay.
 
     Truth is a circle, a detection a square, a track a cross with its id, its trail, its ellipse
-    and a stroke to where it will be in the next frame.
+    and a line to its predicted position in the next frame.
 
     Parameters
     ----------
     greys
         Frame in greys, (rows, cols) of uint8, see :func:`lowsnr_eval.report.palette.stretch`.
     scene
-        What to draw.
+        The marks.
     settings
-        How large.
+        Size of the overlay, sensor and ellipses.
 
     Returns
     -------
@@ -121,7 +122,7 @@ def draw(greys: np.ndarray, scene: Scene, settings: ViewSettings) -> np.ndarray:
 
 
 class _Pen:
-    """Draws lines at places in metres, each on a dark edge so that any grey shows it."""
+    """Draws lines at positions in metres, each on a dark edge so that any grey shows it."""
 
     def __init__(self, picture: np.ndarray, zoom: int, cell_size_m: float) -> None:
         self.picture = picture
@@ -134,11 +135,11 @@ class _Pen:
         self._lines([self._pixels(points_m)], False, colour)
 
     def closed(self, centre_m: np.ndarray, shape: np.ndarray, colour: str) -> None:
-        """Draw a closed line of (n, 2) corners [pixels] around a place."""
+        """Draw a closed line of (n, 2) corners [pixels] around a position."""
         self._lines([self._pixels(centre_m) + shape], True, colour)
 
     def track(self, item: Estimate, settings: ViewSettings) -> None:
-        """Draw all of a track but its trail."""
+        """Draw a track without its trail."""
         place = self._pixels(item.state[POS])
         next_m = item.state[POS] + settings.sensor.frame_period_s * item.state[VEL]
         self._lines([self._pixels(ellipse(item, settings.ellipse_sigmas))], True, TRACK)
@@ -151,9 +152,9 @@ class _Pen:
                 cv2.putText(self.picture, item.id, (int(x), int(y)), cv2.FONT_HERSHEY_SIMPLEX,
                             0.6, ink, width, cv2.LINE_AA)
 
-    def _pixels(self, places_m: np.ndarray) -> np.ndarray:
-        """Return places as pixels, of which the first cell has its middle at (zoom - 1) / 2."""
-        return (places_m / self._cell_size_m + 0.5) * self._zoom - 0.5
+    def _pixels(self, positions_m: np.ndarray) -> np.ndarray:
+        """Return positions in pixels; the centre of the first cell is at (zoom - 1) / 2."""
+        return (positions_m / self._cell_size_m + 0.5) * self._zoom - 0.5
 
     def _lines(self, lines: Sequence[np.ndarray], closed: bool, colour: str) -> None:
         fixed = [

@@ -1,12 +1,12 @@
-"""How frames, and what is said of them, look in reports and in viewers."""
+"""Colours of marks and greys of frames, in reports and in viewers."""
 
 from __future__ import annotations
 
 import numpy as np
 
-# Colours of Okabe and Ito, told apart by colour-blind readers too, and legible on grey.
+# Colours of Okabe and Ito: colour-blind readers can tell them apart, and they show on grey.
 TRUTH, DETECTION, TRACK = '#009E73', '#56B4E9', '#E69F00'
-# Frames are shown in 256 greys between these quantiles of their cells.
+# The 256 greys lie between these quantiles of the cells.
 _DARKEST, _BRIGHTEST = 0.01, 0.999
 _SAMPLE = 2**16
 
@@ -21,7 +21,7 @@ def stretch(cells: np.ndarray) -> np.ndarray:
     """
     Return intensities as greys.
 
-    A few cells, however bright, do not make the others black; cells that are all equal are.
+    A few very bright cells do not make the others black; cells that are all equal are black.
 
     Parameters
     ----------
@@ -37,4 +37,5 @@ def stretch(cells: np.ndarray) -> np.ndarray:
     flat = cells.ravel()
     low, high = np.quantile(flat[::1 + flat.size // _SAMPLE], (_DARKEST, _BRIGHTEST))
     scale = 255.0 / (high - low) if high > low else 0.0
-    return np.clip((cells - low) * scale, 0.0, 255.0).astype(np.uint8)
+    greys: np.ndarray = np.clip((cells - low) * scale, 0.0, 255.0).astype(np.uint8)
+    return greys

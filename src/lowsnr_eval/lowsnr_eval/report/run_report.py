@@ -1,4 +1,4 @@
-"""The report of one run of the node graph: the frames played back, and the curves below."""
+"""The report of one run of the node graph: an animation of its frames, tables and curves."""
 
 from __future__ import annotations
 
@@ -14,8 +14,7 @@ from lowsnr_bringup.run.results_folder import SUMMARY_FILE
 from lowsnr_common.settings.text import one_line
 from lowsnr_eval.report import figures
 from lowsnr_eval.report import html_page as pages
-from lowsnr_eval.report.animation import player
-from lowsnr_eval.report.animation import SCRIPT
+from lowsnr_eval.report.animation import animation
 from lowsnr_eval.report.html_page import Markup
 from lowsnr_eval.report.table import format_table
 from lowsnr_eval.scoring.scene import read_scene
@@ -23,11 +22,11 @@ from lowsnr_eval.scoring.scene import SCENE_FILE
 import numpy as np
 
 REPORT_FILE = 'report.html'
-# More dots than these are a grey cloud and a large file.
+# More dots than this overlap, and the file grows large.
 _MOST_DOTS = 250
-# Lines may be missing; but what is as long as a number says must not be beyond all memory.
+# Lines may be missing, but a damaged number must not ask for more memory than there is.
 _MOST_FRAMES_A_LINE = 1000
-# What results that are not those of a run may raise.
+# The errors that damaged results may raise.
 _DAMAGED = (
     OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, MemoryError,
     RecursionError, csv.Error)
@@ -41,10 +40,10 @@ def write_run_report(folder: Path, command: str) -> Path:
     Parameters
     ----------
     folder
-        Folder with ``summary.json`` and ``frames.csv``, and, for the animation, with what
-        :class:`lowsnr_eval.scoring.scene.SceneWriter` keeps.
+        Folder with ``summary.json`` and ``frames.csv``, and, for the animation, with the files
+        of :class:`lowsnr_eval.scoring.scene.SceneWriter`.
     command
-        How to run again.
+        Command that repeats the run.
 
     Returns
     -------
@@ -54,13 +53,13 @@ def write_run_report(folder: Path, command: str) -> Path:
     Raises
     ------
     ValueError
-        One line, if what the folder holds is damaged.
+        One line, if the results are damaged.
 
     """
     try:
         page = _page(folder, command)
     except _DAMAGED as error:
-        raise ValueError(f'{folder}: holds no results that can be shown: '
+        raise ValueError(f'{folder}: the results are damaged: '
                          f'{type(error).__name__} {one_line(error)}') from None
     path = folder / REPORT_FILE
     path.write_text(page, encoding='utf-8', errors='replace')
@@ -69,13 +68,12 @@ def write_run_report(folder: Path, command: str) -> Path:
 
 def _page(folder: Path, command: str) -> str:
     summary = json.loads((folder / SUMMARY_FILE).read_text(encoding='utf-8'))
-    sections, script = [], ''
+    sections = []
     if (folder / SCENE_FILE).is_file():
         lines, frames = read_scene(folder)
         if any(frame is not None for frame in frames):
             scored = summary['frames']['scored'] + summary['frames']['unanswered']
-            sections.append(pages.section('Frames', player(lines, frames, scored)))
-            script = SCRIPT
+            sections.append(pages.section('Frames', animation(lines, frames, scored)))
     sections += [
         pages.section('Figures', pages.preformatted(format_table(summary))),
         pages.section('Frame by frame', _curves(folder, list(summary['detectors']))),
@@ -85,11 +83,11 @@ def _page(folder: Path, command: str) -> str:
         sections.append(pages.section(
             'Parameters', pages.folded(PARAMETERS_FILE, pages.preformatted(text))))
     title = f'{summary["scenario"]}: {", ".join(summary["detectors"])}'
-    return pages.page(title, sections, script)
+    return pages.page(title, sections)
 
 
 def _curves(folder: Path, names: list[str]) -> Markup:
-    """Draw what ``frames.csv`` holds, for detections and tracks of every chain."""
+    """Draw the figures of merit in ``frames.csv``, for detections and tracks of every chain."""
     read: dict[tuple[str, str, str], dict[int, float]] = defaultdict(dict)
     present, count = set(), 0
     with (folder / FRAMES_FILE).open(encoding='utf-8', newline='') as file:
@@ -116,7 +114,7 @@ def _curves(folder: Path, names: list[str]) -> Markup:
 
 
 def _means(values: dict[int, float], count: int, width: int) -> np.ndarray:
-    """Return values by frame as a curve, (count,); of more than one frame the mean, in one."""
+    """Return values by frame as a curve, (count,), of the means of ``width`` frames at a time."""
     curve = np.full(-(-count // width) * width, np.nan)
     curve[np.array(list(values), dtype=int) - 1] = list(values.values())
     blocks = curve.reshape(-1, width)

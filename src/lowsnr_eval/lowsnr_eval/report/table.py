@@ -1,4 +1,4 @@
-"""The table of a run that a person reads, made of what ``summary.json`` holds."""
+"""The figures of merit of a run in ``summary.json`` as a table of text."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def _row(name: str, level: str, figures: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _note(name: str, figures: Mapping[str, Any]) -> str:
-    """Say what the figures of a chain rest on, and how long an answer took."""
+    """Return the numbers of frames behind the figures of a chain, and its latencies."""
     counts, latency = figures['tracking'], figures['latency_ms']
     seen = (
         f'{counts["frames_with_object"]} frames with object, '
@@ -93,7 +93,7 @@ def _number(value: float | None, digits: int) -> str:
 
 
 def _align(rows: list[tuple[str, ...]]) -> list[str]:
-    """Pad columns to their widest cell: names to the left, figures to the right."""
+    """Pad columns to their widest cell: names on the left, figures on the right."""
     widths = [max(map(len, column)) for column in zip(*rows)]
     return [
         '  '.join(

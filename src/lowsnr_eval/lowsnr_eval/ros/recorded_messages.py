@@ -7,7 +7,7 @@ from typing import Any
 
 from lowsnr_bringup.bags.reader import Bag
 from lowsnr_bringup.bags.reader import Message
-from lowsnr_common.core.malformed import Malformed
+from lowsnr_common.core.records import Malformed
 from lowsnr_common.ros import messages
 from lowsnr_eval.scoring.recorded_chains import RecordedChains
 from lowsnr_eval.scoring.run_scoring import RunScorer

@@ -8,8 +8,8 @@ from dataclasses import field
 from enum import Enum
 
 from lowsnr_common.core.records import Estimate
+from lowsnr_common.core.timeline import StampOrder
 from lowsnr_common.core.timeline import Timeline
-from lowsnr_common.core.timeline import Verdict
 
 # Frames that are kept while their key array has not arrived: answers may arrive before it.
 _MOST_UNKNOWN = 1000
@@ -97,7 +97,7 @@ class FrameJoin:
 
     def add_array(self, topic: str, stamp: int, entries: list[Estimate], now_s: float) -> Arrival:
         """Add an array with its stamp [ns] and the wall time of its arrival [s]."""
-        if topic == self._key and self._timeline.judge(stamp) is Verdict.SET_BACK:
+        if topic == self._key and self._timeline.classify(stamp) is StampOrder.SET_BACK:
             self._restart_at(stamp)
         frame = self._frame(stamp)
         if frame is None:

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from lowsnr_bringup.bags.reader import Bag
+from lowsnr_bringup.bags.recorded_run import ARRAY
 from lowsnr_bringup.bags.recorded_run import check_type
+from lowsnr_bringup.bags.recorded_run import recorded_frames_topic
 from lowsnr_bringup.bags.recorded_run import recorded_parameters
-from lowsnr_bringup.bags.recorded_run import told_frames_topic
-from lowsnr_bringup.bags.replaying import ARRAY
 from lowsnr_bringup.plan import graph
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.node_settings import NodeSettings
@@ -84,7 +84,7 @@ def find_chains(
         run, evaluation, evaluator.get('seed', 0),
         {own: topic for own, topic in topics.items() if bag.topics.get(own) == ARRAY},
         frames_topic or (
-            f'{prefix}image_raw' if prefix != '/' else told_frames_topic(bag, told)))
+            f'{prefix}image_raw' if prefix != '/' else recorded_frames_topic(bag, told)))
 
 
 def _namespaces(bag: Bag, known: Iterable[str]) -> list[str]:

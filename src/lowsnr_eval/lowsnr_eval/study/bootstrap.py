@@ -1,8 +1,8 @@
 """
-Intervals for figures that many runs give, and for differences of chains on the same runs.
+Confidence intervals of figures over many runs, and of differences of chains on the same runs.
 
-Frames of a run depend on each other and two chains see the same frames, so that whole runs
-are drawn, for both chains alike: the paired bootstrap.
+The frames of a run depend on each other, and two chains get the same frames.  The bootstrap
+therefore draws whole runs, the same ones for both chains (paired bootstrap).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class Effect:
     """
     A figure of many runs with its 95 % interval.
 
-    ``value`` and ``interval`` are None where the figure does not exist.
+    ``value`` and ``interval`` are None where there is no data.
     """
 
     value: float | None
@@ -39,11 +39,11 @@ def bootstrap(
     Parameters
     ----------
     sums : (runs, n) ndarray
-        What each run adds to n sums.
+        Contribution of each run to n sums.
     figure
-        From the sums over runs, (..., n), to the figure, (...); NaN where there is none.
+        Maps the sums over runs, (..., n), to the figure, (...); NaN where there is no data.
     seed
-        Seed of the draws; the same for whatever is compared.
+        Seed of the draws.
 
     """
     runs = len(sums)
@@ -64,8 +64,8 @@ def share_interval(successes: np.ndarray, trials: np.ndarray) -> tuple[float, fl
     """
     Return the 95 % interval of a share whose trials come in runs.
 
-    It is Wilson's interval for as many independent trials as would vary as much between
-    runs (Korn and Graubard 1998).
+    It is Wilson's interval for the effective number of trials: the number of independent
+    trials whose share has the variance that is seen between runs (Korn and Graubard 1998).
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def share_interval(successes: np.ndarray, trials: np.ndarray) -> tuple[float, fl
     Returns
     -------
     tuple of float or None
-        Lower and upper bound; None where nothing was tried.
+        Lower and upper bound; None without trials.
 
     """
     total = float(np.sum(trials))
@@ -107,15 +107,15 @@ def mean_square_band(squares: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.nd
     Returns
     -------
     tuple of (frames,) ndarray
-        Root mean square, lower and upper bound; NaN where fewer than one or two errors are.
+        Root mean square, NaN without errors; lower and upper bound, NaN with fewer than two.
 
     """
-    there = np.isfinite(squares)
-    count = there.sum(axis=0)
-    filled = np.where(there, squares, 0.0)
+    known = np.isfinite(squares)
+    count = known.sum(axis=0)
+    filled = np.where(known, squares, 0.0)
     with np.errstate(invalid='ignore', divide='ignore'):
         mean = filled.sum(axis=0) / count
-        scatter = np.where(there, squares - mean, 0.0)
+        scatter = np.where(known, squares - mean, 0.0)
         half = _Z * np.sqrt(np.sum(scatter**2, axis=0) / (count - 1.0) / count)
     low, high = np.sqrt(np.maximum(mean - half, 0.0)), np.sqrt(mean + half)
     return np.sqrt(mean), low, high

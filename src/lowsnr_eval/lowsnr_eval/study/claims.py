@@ -1,9 +1,9 @@
 """
-The paper's comparative sentences, as data: what is compared, where, and by which figure.
+The paper's claims as data: which methods they compare, in which frames, by which figure.
 
-A claim names two sides; on each run both saw the same frames.  The effect is how much the
-side that the paper puts first is better: a difference of P_D, or the other side's RMSE less
-its own.  It is not resolved where its interval holds zero.
+A claim names two sides, which get the same frames in each run.  Its effect is by how much the
+side that the paper names first is better: a difference of P_D, or the RMSE of the other side
+minus its own.  A claim is not resolved if the interval of the effect contains zero.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 PD, POSITION, VELOCITY = 'pd', 'rmse_position_m', 'rmse_velocity_mps'
 TIME = 'time_ms'
 DETECTION, TRACKING = 'detection', 'tracking'
-# By what a method "outperforms" another: the first decides, the others are shown with it.
+# How a method "outperforms" another: the first figure decides, the tables show the others too.
 _OUTPERFORMS = (
     (DETECTION, PD), (TRACKING, PD), (TRACKING, POSITION), (TRACKING, VELOCITY))
 _FAST, _SLOW = ((5, 16), (29, 35)), ((17, 28),)
@@ -23,7 +23,7 @@ Frames = tuple[tuple[int, int], ...]
 @dataclass(frozen=True)
 class Claim:
     """
-    A sentence of the paper and how it is tested.
+    A sentence of the paper, and the comparison that tests it.
 
     Parameters
     ----------
@@ -34,16 +34,16 @@ class Claim:
     sentence
         The paper's words, or close to them.
     better, worse
-        The methods; ``worse`` is empty where the first is compared with ``bound``.
+        The methods; ``worse`` is empty if the claim compares the first with ``bound``.
     measures
         Levels and figures that are compared; the first gives the verdict on the claim.
     reading
-        What the sentence is taken to mean.
+        The meaning that the test gives to the sentence.
     better_frames, worse_frames
-        First and last frame of each stretch that counts for a side; empty for all frames
+        First and last frame of each interval that counts for a side; empty for all frames
         with the object.
     bound
-        What P_D must exceed where there is no other side.
+        P_D must exceed this if there is no other side.
 
     """
 
@@ -89,7 +89,7 @@ CLAIMS = (
           bound=0.9),
     Claim('conclusions, b', 6, 'SDT outperforms MMTBD2, at very low SNR too', 'sdt', 'mmtbd2'),
 )
-# The one claim on time, which is judged from the times of blocks of runs.
+# The one claim on time; its verdict follows from the times of blocks of runs.
 COST_CLAIM = Claim(
     '5c', 5, 'allowing moves of two cells increases the computational cost', 'sdt_r2', 'sdt',
     measures=((DETECTION, TIME),), reading='more CPU time for a frame with radius 2')

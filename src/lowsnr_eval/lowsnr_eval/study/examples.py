@@ -1,4 +1,4 @@
-"""The six examples of Section VI: what is compared, where, and with which settings."""
+"""The six examples of Section VI: which methods they compare, and with which settings."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ class Example:
     number
         1 to 6.
     title
-        What it shows.
+        Subject of the example.
     solid, dashed
         The methods that the paper's figures compare, by their line style; the second is
-        empty where there is only one.
+        empty if there is only one.
     also
         Further methods that the claims of the example need in all runs.
     variants
-        Detectors whose settings differ from those of ``config/``: those that the paper
-        states, and the extensions that it names.
+        Detectors whose settings differ from those of ``config/``: with settings that the
+        paper states, or extensions that it names.
     max_speed_mps
-        Highest speed that detectors and tracker reckon with [m/s], 0 for that of
+        Highest speed in the motion models of detectors and tracker [m/s], 0 for that of
         ``config/``; it covers the speeds of the scenario.
 
     """

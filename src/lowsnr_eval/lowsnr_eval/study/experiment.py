@@ -1,9 +1,9 @@
 """
 Monte Carlo experiments: runs of a scenario through detectors and trackers, without ROS.
 
-All chains of a block see the very same frames, so that they compare in pairs.  Every run has
-its own random streams; run 0 is the run that the graph makes with the same seed, and how
-runs are spread over blocks and processes changes nothing.
+All chains of a block get the same frames, so that they compare in pairs.  Every run has its
+own random streams: run 0 is the run that the node graph makes with the same seed, and the
+results do not depend on how runs are divided into blocks and processes.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_detect.parts.detector import Declarations
 from lowsnr_eval.study.offline_chain import Chain
 from lowsnr_eval.study.offline_chain import detect
+from lowsnr_eval.study.offline_chain import group_by_statistic
 from lowsnr_eval.study.offline_chain import of_run
 from lowsnr_eval.study.offline_chain import padded
-from lowsnr_eval.study.offline_chain import sharing
 from lowsnr_eval.study.offline_chain import track
 from lowsnr_eval.study.run_scores import RunScores
 from lowsnr_eval.study.run_scores import score_runs
@@ -31,11 +31,11 @@ from lowsnr_sensor.simulator import simulate_frames
 from lowsnr_track.pda_mmpf import PdaMmpf
 import numpy as np
 
-# A chain that declares more than this in a frame is tracked in a few runs only: dozens of
-# tracks on noise cost a hundred times one track, and a few runs show them well enough.
+# The tracker follows a chain that declares more than this in a frame in a few runs only:
+# dozens of tracks on noise cost a hundred times one track, and a few runs show them well enough.
 CROWDED = 5.0
-# Tracks of a run and the time they took [s], by tracker, run and detections: chains whose
-# detections in a run are the same, often none at all, share them.
+# Tracks of a run and the time they took [s], by tracker, run and detections.  Chains whose
+# detections in a run are equal, often because there are none, share them.
 _Tracked = dict[tuple[PdaMmpf, int, bytes], tuple[list[list[Estimate]], float]]
 
 
@@ -53,13 +53,14 @@ class Block:
     evaluation
         Gate and cutoff.
     chains
-        What is run on the frames.
+        The chains that get the frames.
     seed
         Root seed of the study.
     first, count
-        Runs.
+        The first run, and the number of runs.
     crowded_runs
-        Chains that declare dozens of objects are tracked in the first so many runs only.
+        The tracker follows chains that declare dozens of objects in this many runs only, the
+        first ones of the study.
 
     """
 
@@ -76,10 +77,10 @@ class Block:
 @dataclass(frozen=True)
 class ChainResult:
     """
-    What came out of a chain in the runs of a block.
+    The scores of a chain in the runs of a block.
 
-    ``tracking`` is None without a tracker.  ``detector_s`` and ``tracker_s`` are the CPU time
-    of a run and frame [s], the former of a batch of runs.
+    ``tracking`` is None without a tracker.  ``detector_s`` and ``tracker_s`` are CPU times of
+    one frame of one run [s]; the detector works on all runs of the block at once.
     """
 
     detection: RunScores
@@ -88,14 +89,13 @@ class ChainResult:
     tracker_s: float
 
 
-def run_block(block: Block) -> dict[tuple[str, str], ChainResult]:
+# By label and operating point.
+BlockResults = dict[tuple[str, str], ChainResult]
+
+
+def run_block(block: Block) -> BlockResults:
     """
     Run all chains of a block that take part in its runs.
-
-    Returns
-    -------
-    dict
-        Results by label and operating point.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def run_block(block: Block) -> dict[tuple[str, str], ChainResult]:
     truth, frames = _simulate(block)
     results = {}
     tracked: _Tracked = {}
-    for chains in sharing(block.chains):
+    for chains in group_by_statistic(block.chains):
         count = min(block.count, chains[0].runs - block.first)
         if count < 1:
             continue

@@ -1,16 +1,23 @@
-"""A chain, from frames to declarations to tracks, over a batch of runs and without ROS."""
+"""
+A chain over a batch of runs, without ROS: frames to declarations to tracks.
+
+Every run draws from random streams of its own, so that a batch of runs declares what each run
+declares alone.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import replace
 from typing import Any
+from typing import cast
 
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.core.streams import stream
 from lowsnr_detect.parts.detector import Declarations
-from lowsnr_eval.study.run_streams import RunStreams
+from lowsnr_detect.parts.detector import Detector
 from lowsnr_track.pda_mmpf import PdaMmpf
 import numpy as np
 
@@ -23,7 +30,7 @@ class Chain:
     Parameters
     ----------
     label
-        What it is called in the results.
+        Name of the method in the results.
     point
         Name of the operating point.
     detector
@@ -31,25 +38,75 @@ class Chain:
     tracker
         Tracker; None for detections only.
     runs
-        It takes part in the first so many runs of a study.
+        The chain takes part in this many runs of a study, the first ones.
 
     """
 
     label: str
     point: str
-    detector: Any
+    detector: Detector
     tracker: PdaMmpf | None
     runs: int
 
 
+class RunStreams:
+    """
+    The generators of many runs as one; the first axis of an array that it draws is the run.
+
+    It has those methods of :class:`numpy.random.Generator` that detectors use.  Run r gets
+    what its own generator gives for the shape without the first axis.
+
+    Parameters
+    ----------
+    generators
+        One for each run.
+
+    """
+
+    def __init__(self, generators: Sequence[np.random.Generator]) -> None:
+        self._generators = tuple(generators)
+
+    def random(self, size: Sequence[int]) -> np.ndarray:
+        """Draw uniform numbers in [0, 1), (runs, ...)."""
+        return self._draw(lambda own, shape: own.random(shape), size)
+
+    def standard_normal(self, size: Sequence[int]) -> np.ndarray:
+        """Draw normal numbers of mean 0 and variance 1, (runs, ...)."""
+        return self._draw(lambda own, shape: own.standard_normal(shape), size)
+
+    def uniform(self, low: Any, high: Any, size: Sequence[int]) -> np.ndarray:
+        """Draw uniform numbers between bounds that are the same for every run, (runs, ...)."""
+        return self._draw(lambda own, shape: own.uniform(low, high, shape), size)
+
+    def integers(self, high: int, size: Sequence[int]) -> np.ndarray:
+        """Draw integers from 0 to below ``high``, (runs, ...)."""
+        return self._draw(lambda own, shape: own.integers(high, size=shape), size)
+
+    def _draw(
+        self, draw: Callable[[np.random.Generator, tuple[int, ...]], np.ndarray],
+        size: Sequence[int],
+    ) -> np.ndarray:
+        runs, *shape = size
+        if runs != len(self._generators):
+            raise ValueError(f'size {tuple(size)} must start with {len(self._generators)} runs')
+        return np.stack([draw(own, tuple(shape)) for own in self._generators])
+
+
+def with_threshold(detector: Detector, threshold: float) -> Detector:
+    """Return the detector with another threshold [nat]."""
+    settings: Any = detector
+    changed: Detector = replace(settings, threshold=threshold)
+    return changed
+
+
 def detect(
-    detectors: Sequence[Any], frames: np.ndarray, seed: int, first_run: int,
+    detectors: Sequence[Detector], frames: np.ndarray, seed: int, first_run: int,
 ) -> list[list[Declarations]]:
     """
     Run detectors that differ in their threshold alone.
 
     A detector whose statistic is the posterior of the one object (neither ``feedback`` nor
-    ``local``) is run once, with the lowest threshold: the others declare a part of that.
+    ``local``) runs once, with the lowest threshold: what the others declare is part of that.
 
     Parameters
     ----------
@@ -58,7 +115,7 @@ def detect(
     frames : (runs, K, rows, cols) ndarray
         Frames.
     seed, first_run
-        What the random streams follow from.
+        Root seed, and the number of the first run.
 
     Returns
     -------
@@ -73,11 +130,11 @@ def detect(
     return [[_above(answer, detector.threshold) for answer in answers] for detector in detectors]
 
 
-def sharing(chains: Sequence[Chain]) -> list[list[Chain]]:
-    """Group the chains that one call of :func:`detect` serves."""
+def group_by_statistic(chains: Sequence[Chain]) -> list[list[Chain]]:
+    """Group the chains whose detectors one call of :func:`detect` runs."""
     groups: dict[Any, list[Chain]] = {}
     for number, chain in enumerate(chains):
-        key = (chain.label, replace(chain.detector, threshold=0.0), chain.runs)
+        key = (chain.label, with_threshold(chain.detector, 0.0), chain.runs)
         groups.setdefault(
             key if _shares_statistic(chain.detector) else number, []).append(chain)
     return list(groups.values())
@@ -132,15 +189,16 @@ def padded(tracks: Sequence[Sequence[Sequence[Estimate]]], frames: int) -> np.nd
     return states
 
 
-def _shares_statistic(detector: Any) -> bool:
+def _shares_statistic(detector: Detector) -> bool:
     """Return whether one run of a detector serves all thresholds, scores included."""
     return not (detector.feedback or detector.local)
 
 
 def _detect(
-    detector: Any, frames: np.ndarray, seed: int, first_run: int,
+    detector: Detector, frames: np.ndarray, seed: int, first_run: int,
 ) -> list[Declarations]:
-    rng = RunStreams([stream(seed, 'detector', first_run + run) for run in range(len(frames))])
+    streams = [stream(seed, 'detector', first_run + run) for run in range(len(frames))]
+    rng = cast(np.random.Generator, RunStreams(streams))
     memory, answers = detector.init(frames[:, 0].shape), []
     for k in range(frames.shape[1]):
         memory, declared = detector.step(memory, frames[:, k], rng)

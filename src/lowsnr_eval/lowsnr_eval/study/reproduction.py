@@ -1,65 +1,58 @@
-"""Run a study on workers: calibrate, run what is not finished, keep every finished block."""
+"""Run studies on workers: calibrate, run the missing blocks, and keep each finished block."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from collections.abc import Iterable
 from collections.abc import Mapping
 
-from distributed import Client
-from lowsnr_detect.calibration.calibration import calibrated
-from lowsnr_eval.report.study_figures import draw
-from lowsnr_eval.report.study_figures import Plan
+from lowsnr_detect.calibration.operating_point import calibrated
 from lowsnr_eval.study.experiment import Block
+from lowsnr_eval.study.experiment import BlockResults
 from lowsnr_eval.study.experiment import run_block
 from lowsnr_eval.study.study import Calibrated
 from lowsnr_eval.study.study import Study
 from lowsnr_eval.study.study import Thresholds
 from lowsnr_eval.study.study_folder import StudyFolder
-from lowsnr_eval.study.study_results import gather
-from lowsnr_eval.study.study_results import Outcome
-from lowsnr_eval.study.workers import run_tasks
-
-# Told what is done, how much of it there is, and how much more has just been finished.
-Progress = Callable[[str, int, int], None]
+from lowsnr_eval.study.study_results import join_blocks
+from lowsnr_eval.study.study_results import StudyResults
+from lowsnr_eval.study.workers import Workers
+from tqdm import tqdm
 
 
-def calibrate_all(
-    client: Client, studies: Iterable[Study], progress: Progress,
-) -> Thresholds:
-    """Return the matched thresholds of some studies [nat], maybe cached."""
+def calibrate_all(workers: Workers, studies: Iterable[Study]) -> Thresholds:
+    """Return the matched thresholds of some studies [nat]; show a progress bar."""
     wanted = set().union(*(study.calibrations() for study in studies))
     tasks = {str(item): (item,) for item in sorted(wanted, key=_calibration_cost, reverse=True)}
     found = {}
-    progress('calibrating', len(tasks), 0)
-    for name, threshold in run_tasks(client, _calibrate, tasks):
-        found[tasks[name][0]] = threshold
-        progress('calibrating', len(tasks), 1)
+    with tqdm(total=len(tasks), desc='calibrating', unit='threshold', dynamic_ncols=True) as bar:
+        def keep(name: str, threshold: float) -> None:
+            found[tasks[name][0]] = threshold
+            bar.update()
+
+        workers.run(_calibrate, tasks, keep)
     return found
 
 
 def run_study(
-    client: Client, study: Study, thresholds: Thresholds, folder: StudyFolder,
-    progress: Progress,
+    workers: Workers, study: Study, thresholds: Thresholds, folder: StudyFolder,
 ) -> None:
-    """Run the blocks that the folder does not hold yet; each is kept as soon as it is done."""
+    """Run the blocks that the folder does not hold yet; show a progress bar."""
     blocks = study.blocks(thresholds)
     missing = {name: block for name, block in blocks.items() if folder.load(name) is None}
-    title, total = study.example.scenario, sum(block.count for block in blocks.values())
-    progress(title, total, total - sum(block.count for block in missing.values()))
-    for name, results in run_tasks(client, run_block, _dearest_first(missing)):
-        folder.save(name, results)
-        progress(title, total, blocks[name].count)
+    total, left = (sum(block.count for block in some.values()) for some in (blocks, missing))
+    # The runs that an earlier start finished are no part of the rate.
+    with tqdm(total=total, initial=total - left, desc=study.example.scenario, unit='run',
+              dynamic_ncols=True) as bar:
+        def keep(name: str, results: BlockResults) -> None:
+            folder.save(name, results)
+            bar.update(blocks[name].count)
+
+        workers.run(run_block, _costliest_first(missing), keep)
 
 
-def collect(study: Study, thresholds: Thresholds, folder: StudyFolder) -> Outcome:
-    """Return what has come out of a study so far."""
-    return gather(study, ((name, folder.load(name)) for name in study.blocks(thresholds)))
-
-
-def draw_all(client: Client, plan: Plan) -> dict[str, tuple[str, bytes]]:
-    """Draw the figures of a plan on the workers; return SVG and PNG by name."""
-    return dict(run_tasks(client, draw, {name: (make,) for name, (_, make) in plan.items()}))
+def collect(study: Study, thresholds: Thresholds, folder: StudyFolder) -> StudyResults:
+    """Return the results of the finished blocks of a study."""
+    return join_blocks(study, ((name, folder.load(name)) for name in study.blocks(thresholds)))
 
 
 def thresholds_by_name(study: Study, thresholds: Thresholds) -> dict[str, dict[str, float]]:
@@ -71,20 +64,20 @@ def thresholds_by_name(study: Study, thresholds: Thresholds) -> dict[str, dict[s
 
 def _calibrate(item: Calibrated) -> float:
     detector, prob, shape, runs = item
-    # The default is left to the default, so that the node graph finds the same in the cache.
+    # A default that is left out gives the key that the node graph finds in the cache.
     if runs is None:
         return calibrated(detector, prob, shape).threshold
     return calibrated(detector, prob, shape, runs=runs).threshold
 
 
 def _calibration_cost(item: Calibrated) -> tuple[bool, int, str]:
-    """Sort by what calibrations take: many runs, of many particles, of whatever else."""
+    """Return a sort key: the number of runs, then that of particles, then anything fixed."""
     detector, _, _, runs = item
     return runs is None, getattr(detector, 'particles', 0), str(detector)
 
 
-def _dearest_first(blocks: Mapping[str, Block]) -> dict[str, tuple[Block]]:
-    """Put the blocks that take longest first, so that no worker ends much after the others."""
+def _costliest_first(blocks: Mapping[str, Block]) -> dict[str, tuple[Block]]:
+    """Sort the blocks so that no worker ends much later than the others."""
     def cost(item: tuple[str, Block]) -> tuple[bool, int]:
         block = item[1]
         return block.first >= block.crowded_runs, -len(block.chains)

@@ -1,36 +1,55 @@
-"""The results folder of a study: which study it is, and the runs that are finished."""
+"""The results folder of a study: its identity, and the blocks of runs that are finished."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict
-import hashlib
 import json
 import os
 from pathlib import Path
 from typing import Any
 import zipfile
 
-import lowsnr_common
-from lowsnr_common.settings.config import flat_values
-import lowsnr_detect
+from lowsnr_eval.study.experiment import BlockResults
 from lowsnr_eval.study.experiment import ChainResult
 from lowsnr_eval.study.run_scores import RunScores
 from lowsnr_eval.study.study import Study
-import lowsnr_sensor
-import lowsnr_track
+from lowsnr_eval.study.study_identity import differences
+from lowsnr_eval.study.study_identity import identity
 import numpy as np
 
-FORMAT = 1
+FORMAT = 2
 STUDY_FILE = 'study.json'
 _RUNS = 'runs'
-_PACKAGES = (lowsnr_common, lowsnr_sensor, lowsnr_detect, lowsnr_track)
-Results = dict[tuple[str, str], ChainResult]
+# A message names this many differences.
+_MOST_NAMED = 3
+
+
+class OtherStudyError(ValueError):
+    """
+    A folder that holds another study.
+
+    Parameters
+    ----------
+    folder
+        The folder.
+    changed
+        Old and new value by the path of every value that differs.
+
+    """
+
+    def __init__(self, folder: Path, changed: Mapping[str, tuple[Any, Any]]) -> None:
+        named = [f'{path} was {old}, is {new}'
+                 for path, (old, new) in list(changed.items())[:_MOST_NAMED]]
+        more = len(changed) - len(named)
+        super().__init__(
+            f'{folder}: holds another study: {"; ".join(named)}'
+            + (f'; and {more} more' if more else '') + '; leave out --resume')
+        self.changed = dict(changed)
 
 
 class StudyFolder:
     """
-    A folder that is ours, with the finished blocks of runs.
+    The folder of one study, with the finished blocks of runs.
 
     Parameters
     ----------
@@ -43,8 +62,8 @@ class StudyFolder:
         self.path = path
         (path / _RUNS).mkdir(exist_ok=True)
 
-    def save(self, name: str, results: Results) -> None:
-        """Keep the results of a block, at once or not at all."""
+    def save(self, name: str, results: BlockResults) -> None:
+        """Write the results of a block; a reader sees all of them or none."""
         arrays: dict[str, Any] = {}
         for (label, point), result in results.items():
             place = f'{label}/{point}'
@@ -57,8 +76,8 @@ class StudyFolder:
             np.savez_compressed(file, **arrays)
         draft.replace(self._file(name))
 
-    def load(self, name: str) -> Results | None:
-        """Return the results of a block; None where it is not finished."""
+    def load(self, name: str) -> BlockResults | None:
+        """Return the results of a block; None if it is not finished."""
         try:
             with self._file(name).open('rb') as file, np.load(file) as archive:
                 arrays = dict(archive)
@@ -82,98 +101,67 @@ class StudyFolder:
 
 def open_folder(wanted: Path, study: Study, resume: bool) -> StudyFolder:
     """
-    Make the folder of a study, or go on in it.
+    Create the folder of a study, or continue in it.
 
     Parameters
     ----------
     wanted
-        The folder asked for; a new study takes ``<wanted>-2`` and so on where it holds
-        results already.
+        The folder that the user asked for; if it holds results, a new study takes
+        ``<wanted>-2`` and so on.
     study
         The study.
     resume
-        Whether to go on with what the folder holds.
+        Whether to continue the study that the folder holds.
 
     Raises
     ------
+    OtherStudyError
+        If the study in the folder differs from this one in any value.
     ValueError
         One line that names the folder, if it holds something else or cannot be written to.
 
     """
-    goes_on = check_folder(wanted, study, resume)
+    continues = check_folder(wanted, study, resume)
     wanted = Path(os.path.abspath(wanted))
     try:
-        if goes_on:
+        if continues:
             return StudyFolder(wanted)
         folder, number = wanted, 1
         while folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             number += 1
             folder = wanted.with_name(f'{wanted.name}-{number}')
         folder.mkdir(parents=True, exist_ok=True)
-        text = json.dumps(describe(study), indent=1)
+        text = json.dumps({'format': FORMAT, 'identity': identity(study)}, indent=1)
         (folder / STUDY_FILE).write_text(f'{text}\n', encoding='utf-8')
         return StudyFolder(folder)
     except OSError as error:
-        raise ValueError(f'{wanted}: results cannot be written there: {error.strerror}; choose '
-                         'another folder with --results') from None
+        raise ValueError(f'{wanted}: cannot be written to: {error.strerror}; choose another '
+                         'folder with --results') from None
 
 
 def check_folder(wanted: Path, study: Study, resume: bool) -> bool:
-    """Return whether a study would go on in a folder; raise what :func:`open_folder` raises."""
+    """Return whether a study would continue in a folder; raise what :func:`open_folder` does."""
     try:
         found = _found(wanted)
     except OSError as error:
         raise ValueError(f'{wanted}: cannot be read: {error.strerror}') from None
-    if found is not None and resume:
-        _check_same(wanted, found, describe(study))
-        return True
-    return False
-
-
-def describe(study: Study) -> dict[str, Any]:
-    """Return all that the numbers of a study follow from, of JSON types."""
-    methods = {
-        f'{case.name}/{method.label}': {
-            'runs': method.runs, 'false_alarm_prob': method.false_alarm_prob,
-            'detector': flat_values(method.detector), 'tracker': flat_values(method.tracker)}
-        for case in study.cases for method in case.methods}
-    options = {key: list(value) if isinstance(value, tuple) else value
-               for key, value in asdict(study.options).items()}
-    return {'format': FORMAT, 'code': code_digest(), 'options': options, 'methods': methods}
-
-
-def code_digest() -> str:
-    """Return a digest of the code that the numbers of a study come from."""
-    files = [path for package in _PACKAGES for path in Path(package.__path__[0]).rglob('*.py')
-             if path.parent.name != 'ros' and not path.stem.endswith('_node')]
-    files += Path(__file__).parent.glob('*.py')
-    digest = hashlib.sha256()
-    for path in sorted(files, key=lambda path: path.name):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
+    if found is None or not resume:
+        return False
+    if changed := differences(found, identity(study)):
+        raise OtherStudyError(wanted, changed)
+    return True
 
 
 def _found(folder: Path) -> Mapping[str, Any] | None:
-    """Return the description of the study in a folder; None where the folder is free."""
+    """Return the identity of the study in a folder; None if the folder is free."""
     if not folder.is_dir() or not any(folder.iterdir()):
         return None
     try:
         found = json.loads((folder / STUDY_FILE).read_text(encoding='utf-8'))
     except (FileNotFoundError, ValueError):
         found = None
-    if not isinstance(found, dict) or found.get('format') != FORMAT:
-        raise ValueError(f'{folder}: holds results of another version or of something else; '
-                         'choose another folder with --results')
-    return found
-
-
-def _check_same(folder: Path, found: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
-    if found == wanted:
-        return
-    if found.get('code') != wanted['code']:
-        what = 'was made by another version of the code'
-    else:
-        old, new = found.get('options', {}), wanted['options']
-        changed = [f'{key} was {old.get(key)}' for key in new if old.get(key) != new[key]]
-        what = f'is another study ({", ".join(changed) or "other settings"})'
-    raise ValueError(f'{folder}: {what}, cannot go on with it; leave out --resume')
+    known: Any = found.get('identity') if isinstance(found, dict) else None
+    if not isinstance(known, dict) or found.get('format') != FORMAT:
+        raise ValueError(f'{folder}: holds results of another version or other files; choose '
+                         'another folder with --results')
+    return known

@@ -1,4 +1,4 @@
-"""What came out of a study: the runs of every chain together, and the tables made of them."""
+"""The results of a study: the scores of every chain over all its runs, and tables of them."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ import json
 from pathlib import Path
 from typing import Any
 
-from lowsnr_eval.study.measures import CURVES
-from lowsnr_eval.study.measures import frame_curves
-from lowsnr_eval.study.measures import point_figures
+from lowsnr_eval.study.experiment import BlockResults
+from lowsnr_eval.study.run_scores import CURVES
+from lowsnr_eval.study.run_scores import figures_of_merit
+from lowsnr_eval.study.run_scores import frame_curves
 from lowsnr_eval.study.run_scores import RunScores
 from lowsnr_eval.study.study import EMPTY
 from lowsnr_eval.study.study import OBJECT
@@ -22,23 +23,29 @@ from lowsnr_eval.study.study import ROC_OFFSETS
 from lowsnr_eval.study.study import roc_point
 from lowsnr_eval.study.study import Study
 from lowsnr_eval.study.study import SWEEP
-from lowsnr_eval.study.study_folder import Results
-from lowsnr_eval.study.verdicts import judge
-from lowsnr_eval.study.verdicts import judge_cost
+from lowsnr_eval.study.verdicts import claim_verdicts
+from lowsnr_eval.study.verdicts import cost_verdict
+from lowsnr_eval.study.verdicts import Key
 import numpy as np
 
 SCHEMA = 1
-LEVELS = ('detection', 'tracking')
-Key = tuple[str, str, str]
 
 
 @dataclass
-class Outcome:
+class StudyResults:
     """
-    The scores of a study.
+    The scores of a study, or of the part of it that is finished.
 
-    ``scores`` are by case name and then by (label, operating point, level), ``times_s`` by
-    label and operating point: (blocks, 2) CPU times of a frame for detector and tracker [s].
+    Parameters
+    ----------
+    study
+        The study.
+    scores
+        Scores by the name of the case, and then by label, operating point and level.
+    times_s
+        CPU times of detector and tracker for a frame in each block, (blocks, 2) [s], by label
+        and operating point.
+
     """
 
     study: Study
@@ -46,7 +53,7 @@ class Outcome:
     times_s: dict[tuple[str, str], np.ndarray] = field(default_factory=dict)
 
     def of(self, kind: str, snr_db: float) -> Mapping[Key, RunScores]:
-        """Return the scores of a case; nothing where it was not run."""
+        """Return the scores of a case; none if it did not run."""
         return self.scores.get(f'{kind}{snr_db:g}dB', {})
 
     @property
@@ -56,7 +63,9 @@ class Outcome:
                     for snr in self.study.snrs_db), default=0)
 
 
-def gather(study: Study, blocks: Iterable[tuple[str, Results | None]]) -> Outcome:
+def join_blocks(
+    study: Study, blocks: Iterable[tuple[str, BlockResults | None]],
+) -> StudyResults:
     """
     Join the blocks of a study.
 
@@ -82,30 +91,30 @@ def gather(study: Study, blocks: Iterable[tuple[str, Results | None]]) -> Outcom
     joined = {
         case: {key: RunScores.join(found) for key, found in by_key.items()}
         for case, by_key in parts.items()}
-    return Outcome(study, joined, {key: np.array(found) for key, found in times.items()})
+    return StudyResults(study, joined, {key: np.array(found) for key, found in times.items()})
 
 
-def median_times(outcome: Outcome) -> dict[str, tuple[float, float]]:
-    """Return the CPU time of a frame for detector and tracker of each chain [s]."""
-    medians = {key: np.median(found, axis=0) for key, found in outcome.times_s.items()}
+def median_times(results: StudyResults) -> dict[str, tuple[float, float]]:
+    """Return the median CPU time of detector and tracker of each chain for a frame [s]."""
+    medians = {key: np.median(found, axis=0) for key, found in results.times_s.items()}
     return {f'{label}/{point}': (float(own), float(tracker))
             for (label, point), (own, tracker) in medians.items()}
 
 
-def points(outcome: Outcome) -> list[dict[str, Any]]:
-    """Return the figures of every chain, SNR and level, with those of its empty runs."""
+def merit_rows(results: StudyResults) -> list[dict[str, Any]]:
+    """Return the figures of merit of every chain, SNR and level, with those of empty runs."""
     rows = []
-    for snr_db in outcome.study.snrs_db:
-        quiet = outcome.of(EMPTY, snr_db)
-        for (label, point, level), scores in outcome.of(OBJECT, snr_db).items():
+    for snr_db in results.study.snrs_db:
+        quiet = results.of(EMPTY, snr_db)
+        for (label, point, level), scores in results.of(OBJECT, snr_db).items():
             if point not in POINTS:
                 continue
             row = {
                 'detector': label, 'snr_db': snr_db, 'operating_point': point, 'level': level,
-                **point_figures(scores), 'runs': len(scores),
-                'seed': outcome.study.options.seed}
+                **figures_of_merit(scores), 'runs': len(scores),
+                'seed': results.study.options.seed}
             if (label, point, level) in quiet:
-                empty = point_figures(quiet[label, point, level])
+                empty = figures_of_merit(quiet[label, point, level])
                 row['empty_runs'] = {
                     key: empty[key] for key in (
                         'pfa_per_frame', 'pfa_interval', 'false_alarms_per_frame')}
@@ -114,25 +123,25 @@ def points(outcome: Outcome) -> list[dict[str, Any]]:
     return rows
 
 
-def claims(outcome: Outcome) -> list[dict[str, Any]]:
+def claim_rows(results: StudyResults) -> list[dict[str, Any]]:
     """Return the verdicts on the claims of the example."""
-    study = outcome.study
-    return [row for snr_db in study.snrs_db for row in judge(
-        study.example.number, snr_db, outcome.of(OBJECT, snr_db), outcome.of(EMPTY, snr_db),
+    study = results.study
+    return [row for snr_db in study.snrs_db for row in claim_verdicts(
+        study.example.number, snr_db, results.of(OBJECT, snr_db), results.of(EMPTY, snr_db),
         POINTS, study.options.seed)]
 
 
-def costs(outcome: Outcome) -> list[dict[str, Any]]:
-    """Return the verdict on the claim on CPU time, which no seed makes the same."""
-    study = outcome.study
-    return judge_cost(
-        outcome.times_s, POINTS, study.snrs_db[0], outcome.runs_done, study.options.seed)
+def cost_rows(results: StudyResults) -> list[dict[str, Any]]:
+    """Return the verdict on the claim on CPU time, which differs from run to run."""
+    study = results.study
+    return cost_verdict(
+        results.times_s, POINTS, study.snrs_db[0], results.runs_done, study.options.seed)
 
 
-def roc(outcome: Outcome, snr_db: float, label: str) -> list[tuple[float, float]]:
+def roc(results: StudyResults, snr_db: float, label: str) -> list[tuple[float, float]]:
     """Return P_FA per empty frame and P_D at rising thresholds, of detections."""
-    found = outcome.of(OBJECT, snr_db)
-    quiet = outcome.of(EMPTY, snr_db)
+    found = results.of(OBJECT, snr_db)
+    quiet = results.of(EMPTY, snr_db)
     names = ['matched' if offset == 0.0 else roc_point(offset)
              for offset in sorted((*ROC_OFFSETS, 0.0))]
     keys = [(label, name, 'detection') for name in names]
@@ -142,25 +151,25 @@ def roc(outcome: Outcome, snr_db: float, label: str) -> list[tuple[float, float]
         for key in keys if key in found and key in quiet]
 
 
-def snr_curve(outcome: Outcome, label: str, point: str) -> list[tuple[float, float]]:
+def snr_curve(results: StudyResults, label: str, point: str) -> list[tuple[float, float]]:
     """Return SNR and P_D of detections, at the SNRs of the study and those beyond."""
     key, curve = (label, point, 'detection'), []
-    for case in outcome.study.cases:
-        scores = outcome.of(case.kind, case.snr_db)
+    for case in results.study.cases:
+        scores = results.of(case.kind, case.snr_db)
         if case.kind in (OBJECT, SWEEP) and key in scores:
             curve.append((case.snr_db, float(np.mean(scores[key].hit[scores[key].present]))))
     return sorted(curve)
 
 
-def write_curves(outcome: Outcome, path: Path) -> None:
-    """Write the figures of every frame as CSV; a figure that does not exist is empty."""
+def write_curves(results: StudyResults, path: Path) -> None:
+    """Write the figures of merit of every frame as CSV; a cell without data is empty."""
     with path.open('w', encoding='utf-8', newline='') as file:
         writer = csv.writer(file, lineterminator='\n')
         writer.writerow([
             'detector', 'snr_db', 'operating_point', 'level', 'frame', 'runs', 'declared',
             *(f'{name}{end}' for name in CURVES for end in ('', '_low', '_high'))])
-        for snr_db in outcome.study.snrs_db:
-            for (label, point, level), scores in outcome.of(OBJECT, snr_db).items():
+        for snr_db in results.study.snrs_db:
+            for (label, point, level), scores in results.of(OBJECT, snr_db).items():
                 if point not in POINTS:
                     continue
                 curves = frame_curves(scores)
@@ -171,18 +180,18 @@ def write_curves(outcome: Outcome, path: Path) -> None:
                         [label, f'{snr_db:g}', point, level, k, len(scores), *cells])
 
 
-def summary(outcome: Outcome, thresholds: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what ``summary.json`` holds; the same for the same seed, whoever ran it."""
-    study = outcome.study
+def summary(results: StudyResults, thresholds: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the content of ``summary.json``, which the study alone determines."""
+    study = results.study
     return {
         'schema': SCHEMA, 'example': study.example.number, 'scenario': study.example.scenario,
         'seed': study.options.seed, 'runs': study.options.runs,
-        'runs_done': outcome.runs_done, 'thresholds_nat': thresholds,
-        'points': points(outcome), 'claims': claims(outcome)}
+        'runs_done': results.runs_done, 'thresholds_nat': thresholds,
+        'points': merit_rows(results), 'claims': claim_rows(results)}
 
 
 def write_json(content: Mapping[str, Any], path: Path) -> None:
-    """Write JSON; whoever reads it sees the whole of it, old or new."""
+    """Write a JSON file; a reader sees the whole of the old or of the new content."""
     draft = path.with_suffix('.tmp')
     draft.write_text(f'{json.dumps(content, indent=1, allow_nan=False)}\n', encoding='utf-8')
     draft.replace(path)

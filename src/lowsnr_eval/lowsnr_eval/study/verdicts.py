@@ -13,36 +13,37 @@ from lowsnr_eval.study.claims import COST_CLAIM
 from lowsnr_eval.study.claims import Frames
 from lowsnr_eval.study.claims import PD
 from lowsnr_eval.study.claims import POSITION
-from lowsnr_eval.study.measures import point_figures
+from lowsnr_eval.study.run_scores import figures_of_merit
 from lowsnr_eval.study.run_scores import RunScores
 import numpy as np
 
 HOLDS, FAILS = 'holds', 'does not hold'
-# Fewer runs show too little of how much runs differ.
+# Fewer runs do not show how much runs differ.
 _LEAST_RUNS = 10
-# (detector, operating point, level) -> scores, of one SNR.
-Scores = Mapping[tuple[str, str, str], RunScores]
-# (detector, operating point) -> (blocks, 2) times of detector and tracker for a frame [s].
+# Method, operating point and level.
+Key = tuple[str, str, str]
+Scores = Mapping[Key, RunScores]
+# Times of detector and tracker for a frame, (blocks, 2) [s], by method and operating point.
 Times = Mapping[tuple[str, str], np.ndarray]
 
 
-def judge(
+def claim_verdicts(
     example: int, snr_db: float, scores: Scores, empty: Scores, points: tuple[str, ...],
     seed: int,
 ) -> list[dict[str, Any]]:
     """
-    Judge the claims of an example at one SNR.
+    Return the verdicts on the claims of an example at one SNR.
 
     Parameters
     ----------
     example
         Number of the example.
     snr_db
-        SNR [dB], passed on.
+        SNR [dB], for the rows.
     scores
-        Runs with the object.
+        Scores of the runs with the object.
     empty
-        Runs without it, for the false-alarm rates.
+        Scores of the runs without it, for the false-alarm rates.
     points
         Operating points.
     seed
@@ -51,7 +52,7 @@ def judge(
     Returns
     -------
     list of dict
-        One for each claim and figure; those whose methods were not run are left out.
+        One for each claim and figure; none for a claim whose methods did not run.
 
     """
     rows = []
@@ -60,17 +61,16 @@ def judge(
         if not all((name, points[0], 'detection') in scores for name in names):
             continue
         for number, (level, measure) in enumerate(claim.measures):
-            verdicts = {
+            rows.append(_row(claim, snr_db, number, {
                 point: _verdict(claim, level, measure, point, scores, empty, seed)
-                for point in points}
-            rows.append(_row(claim, snr_db, number, verdicts))
+                for point in points}))
     return rows
 
 
-def judge_cost(
+def cost_verdict(
     times_s: Times, points: tuple[str, ...], snr_db: float, runs: int, seed: int,
 ) -> list[dict[str, Any]]:
-    """Judge the claim on CPU time like :func:`judge`; nothing where it was not measured."""
+    """Return the verdict on the claim on CPU time, as a list: empty if it was not measured."""
     verdicts = {}
     for point in points:
         both = [times_s.get((name, point)) for name in (COST_CLAIM.better, COST_CLAIM.worse)]
@@ -78,12 +78,12 @@ def judge_cost(
             return []
         spent_ms = 1e3 * np.stack([side[:, 0] for side in both if side is not None], axis=1)
         more_ms = np.stack([spent_ms[:, 0] - spent_ms[:, 1], np.ones(len(spent_ms))], axis=1)
-        verdicts[point] = _judged(bootstrap(more_ms, _share, seed), runs, runs)
+        verdicts[point] = _from_effect(bootstrap(more_ms, _share, seed), runs, runs)
     return [_row(COST_CLAIM, snr_db, 0, verdicts)]
 
 
-def turns(verdicts: Mapping[str, Mapping[str, Any]]) -> str | None:
-    """Say in a sentence how a verdict depends on the operating point; None if it does not."""
+def threshold_dependence(verdicts: Mapping[str, Mapping[str, Any]]) -> str | None:
+    """Return a sentence on how a verdict depends on the operating point; None if it does not."""
     def resolved(found: Mapping[str, Any]) -> str | None:
         return found['verdict'] if found['verdict'] in (HOLDS, FAILS) else None
 
@@ -108,11 +108,11 @@ def compare_sides(
     Parameters
     ----------
     claim
-        Frames that count, and the bound where there is no other side.
+        Gives the frames that count, and the bound if there is no other side.
     measure
         ``'pd'``, ``'rmse_position_m'`` or ``'rmse_velocity_mps'``.
     better, worse
-        Scores of the sides; those runs count that both have.
+        Scores of the sides; the runs that both have count.
     seed
         Seed of the bootstrap.
 
@@ -140,16 +140,17 @@ def _verdict(
               for scores, frames in ((better, claim.better_frames), (worse, claim.worse_frames))
               if scores is not None]
     runs = min(map(len, counts))
-    found = _judged(effect, runs, min(int(np.count_nonzero(count[:runs])) for count in counts))
+    telling = min(int(np.count_nonzero(count[:runs])) for count in counts)
+    found = _from_effect(effect, runs, telling)
     for side, name in (('better', claim.better), ('worse', claim.worse)):
         quiet = empty.get((name, point, level))
         if quiet:
-            found[f'pfa_{side}'] = point_figures(quiet)['pfa_per_frame']
+            found[f'pfa_{side}'] = figures_of_merit(quiet)['pfa_per_frame']
     return found
 
 
-def _judged(effect: Effect, runs: int, telling: int) -> dict[str, Any]:
-    """Return the verdict; ``telling`` runs add to the figure of the side with fewer of them."""
+def _from_effect(effect: Effect, runs: int, telling: int) -> dict[str, Any]:
+    """Return the verdict; ``telling`` runs contribute to the figure of the weaker side."""
     verdict = f'not resolved with {runs} runs'
     interval = effect.interval if telling >= _LEAST_RUNS else None
     if interval is not None:
@@ -168,11 +169,11 @@ def _row(
         'claim': claim.key, 'sentence': claim.sentence, 'example': claim.example,
         'snr_db': snr_db, 'decides': number == 0, 'level': level, 'measure': measure,
         'better': claim.better, 'worse': claim.worse, 'reading': claim.reading,
-        'operating_points': verdicts, 'turns': turns(verdicts)}
+        'operating_points': verdicts, 'turns': threshold_dependence(verdicts)}
 
 
 def _sums(scores: RunScores, measure: str, frames: Frames) -> np.ndarray:
-    """Return what each run adds to the sum of a figure and to its number, (runs, 2)."""
+    """Return the contribution of each run to the sum of a figure and its count, (runs, 2)."""
     counts = scores.present.copy()
     if frames:
         number = np.arange(1, counts.shape[1] + 1)
@@ -187,4 +188,5 @@ def _sums(scores: RunScores, measure: str, frames: Frames) -> np.ndarray:
 
 def _share(sums: np.ndarray) -> np.ndarray:
     with np.errstate(invalid='ignore', divide='ignore'):
-        return sums[..., 0] / sums[..., 1]
+        share: np.ndarray = sums[..., 0] / sums[..., 1]
+    return share

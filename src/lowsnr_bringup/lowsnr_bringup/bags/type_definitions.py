@@ -1,4 +1,4 @@
-"""The definitions and hashes of message types, as the packages that define them installed them."""
+"""Message types: the definitions and hashes that the installed packages give them."""
 
 from __future__ import annotations
 
@@ -16,10 +16,15 @@ _RULE = '=' * 80
 @dataclass(frozen=True)
 class TypeDefinition:
     """
-    A message type as a bag keeps it.
+    A message type as a bag holds it.
 
-    ``text`` is the definition of the type and of all that it refers to, ``digest`` the hash
-    that DDS advertises for it.
+    Attributes
+    ----------
+    text
+        Definition of the type and of all types that it refers to.
+    digest
+        Hash that DDS advertises for the type.
+
     """
 
     text: str
@@ -34,7 +39,7 @@ def type_definition(msgtype: str) -> TypeDefinition:
     Raises
     ------
     ValueError
-        If its package is not installed.
+        If the name is not that of a type, or no installed package defines it.
 
     """
     described = json.loads(_installed(msgtype, '.json').read_text(encoding='utf-8'))
@@ -51,7 +56,7 @@ def type_definition(msgtype: str) -> TypeDefinition:
 
 def _installed(msgtype: str, suffix: str) -> Path:
     if not re.fullmatch(r'[A-Za-z]\w*/msg/[A-Za-z]\w*', msgtype, re.ASCII):
-        raise ValueError(f'{msgtype!r} is no message type')
+        raise ValueError(f'{msgtype!r} is not the name of a message type')
     package, *folders, name = msgtype.split('/')
     for prefix in [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]:
         path = Path(prefix, 'share', package, *folders, f'{name}{suffix}')

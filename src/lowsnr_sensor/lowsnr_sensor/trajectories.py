@@ -1,4 +1,4 @@
-"""How an object of a scenario moves: along legs, through waypoints, or at random."""
+"""Trajectories of objects: along legs, through waypoints, or at random."""
 
 from __future__ import annotations
 
@@ -15,16 +15,17 @@ from lowsnr_common.settings.config import setting
 import numpy as np
 import scipy
 
-MOST_FRAMES = 1_000_000
-# Random paths are drawn many at a time, and the first that fits is taken.
-_DRAWS = 200
-_MOST_ROUNDS = 50
-_MOST_RANDOM_FRAMES = 10_000
+MAX_FRAMES = 1_000_000
+# A random trajectory is the first that fits of up to 50 batches of 200, 10,000 draws in all.
+_BATCH = 200
+_MAX_BATCHES = 50
+# A batch of so many frames takes 64 MB.
+_MAX_RANDOM_FRAMES = 10_000
 
 
 @dataclass(frozen=True, kw_only=True)
 class Start:
-    """Where a manoeuvre starts and where it heads."""
+    """Position and heading at the start of a manoeuvre."""
 
     x_m: float = setting(0.0, 'position along the columns [m]')
     y_m: float = setting(0.0, 'position along the rows, down [m]')
@@ -40,7 +41,7 @@ class Leg:
     """One leg of a manoeuvre, up to and including a frame."""
 
     until_frame: int = setting(
-        1, 'last frame that the leg leads to', ge=1, le=MOST_FRAMES)
+        1, 'last frame of the leg', ge=1, le=MAX_FRAMES)
     speed_mps: float = setting(0.5, 'speed [m/s]', ge=0.0)
     turn_rate_deg_s: float = setting(
         0.0, 'turn rate, from x towards y [deg/s]', ge=-360.0, le=360.0)
@@ -51,9 +52,9 @@ class Leg:
 
 @dataclass(frozen=True, kw_only=True)
 class Waypoint:
-    """Where the object is in a frame."""
+    """Position of the object in a frame."""
 
-    frame: int = setting(1, 'frame', ge=1, le=MOST_FRAMES)
+    frame: int = setting(1, 'frame', ge=1, le=MAX_FRAMES)
     x_m: float = setting(0.0, 'position along the columns [m]')
     y_m: float = setting(0.0, 'position along the rows, down [m]')
 
@@ -61,19 +62,19 @@ class Waypoint:
         check_settings(self)
 
 
-def path_along_legs(
+def trajectory_along_legs(
     start: Start, legs: Sequence[Leg], first_frame: int, period_s: float,
     acceleration_density: float, rng: np.random.Generator,
 ) -> np.ndarray:
     """
-    Move by eq. (1), each leg with its speed and turn rate.
+    Move an object by eq. (1), on each leg with its speed and turn rate.
 
     Parameters
     ----------
     start
         Position and heading in the first frame; the speed is the first leg's.
     legs
-        Legs in order; the heading carries on from one to the next.
+        Legs in order; each starts with the heading at the end of the one before.
     first_frame
         Frame of the start.
     period_s
@@ -93,7 +94,7 @@ def path_along_legs(
     state = np.array([start.x_m, np.cos(heading), start.y_m, np.sin(heading)])
     direction = state[VEL]
     state[VEL] = direction * legs[0].speed_mps
-    path, frame = [state], first_frame
+    states, frame = [state], first_frame
     factor = process_noise_sqrt(period_s, acceleration_density)
     for leg in legs:
         step = transition_matrix(period_s, np.deg2rad(leg.turn_rate_deg_s))
@@ -101,38 +102,38 @@ def path_along_legs(
         state[VEL] = direction * leg.speed_mps
         while frame < leg.until_frame:
             state = step @ state + factor @ rng.standard_normal(4)
-            path.append(state)
+            states.append(state)
             frame += 1
         speed = np.hypot(*state[VEL])
         direction = state[VEL] / speed if speed > 0.0 else direction
-    return np.array(path)
+    return np.array(states)
 
 
-def path_through_waypoints(waypoints: Sequence[Waypoint], period_s: float) -> np.ndarray:
+def trajectory_through_waypoints(waypoints: Sequence[Waypoint], period_s: float) -> np.ndarray:
     """Return the (frames, 4) states [m, m/s] of a cubic spline through the waypoints."""
     frames = np.array([point.frame for point in waypoints])
     spline = scipy.interpolate.CubicSpline(
         frames * period_s, [(point.x_m, point.y_m) for point in waypoints])
     times = np.arange(frames[0], frames[-1] + 1) * period_s
-    path = np.empty((len(times), 4))
-    path[:, POS] = spline(times)
-    path[:, VEL] = spline(times, 1)
-    return path
+    states = np.empty((len(times), 4))
+    states[:, POS] = spline(times)
+    states[:, VEL] = spline(times, 1)
+    return states
 
 
-def path_at_random(
+def random_trajectory(
     motion: MotionModes, count: int, extent_m: tuple[float, float], cell_size_m: float,
     period_s: float, rng: np.random.Generator,
 ) -> np.ndarray:
     """
-    Draw a path from motion modes that stays in the frame and within the speed limits.
+    Draw a trajectory from motion modes, inside the frame and within the speed limits.
 
     Parameters
     ----------
     motion
         Modes, their switching and the limits of speed.
     count
-        Frames the object is present.
+        Number of frames in which the object is present.
     extent_m
         Width and height of the frame [m].
     cell_size_m
@@ -150,20 +151,20 @@ def path_at_random(
     Raises
     ------
     ValueError
-        If the path is too long, or none fits into the frame.
+        If the trajectory is too long, or no draw fits.
 
     """
-    if count > _MOST_RANDOM_FRAMES:
+    if count > _MAX_RANDOM_FRAMES:
         raise ValueError(
-            f'a random path of {count} frames, must be of at most {_MOST_RANDOM_FRAMES}')
+            f'a random trajectory of {count} frames must have at most {_MAX_RANDOM_FRAMES}')
     low = np.full(2, -cell_size_m / 2)
     high = np.array(extent_m) - cell_size_m / 2
-    for _ in range(_MOST_ROUNDS):
-        states = np.empty((_DRAWS, 4))
-        states[:, POS] = rng.uniform(low, high, (_DRAWS, 2))
-        states[:, VEL] = motion.draw_velocity((_DRAWS,), rng)
-        modes = rng.integers(motion.count, size=_DRAWS)
-        steps, fits = [states], np.ones(_DRAWS, dtype=bool)
+    for _ in range(_MAX_BATCHES):
+        states = np.empty((_BATCH, 4))
+        states[:, POS] = rng.uniform(low, high, (_BATCH, 2))
+        states[:, VEL] = motion.draw_velocity((_BATCH,), rng)
+        modes = rng.integers(motion.count, size=_BATCH)
+        steps, fits = [states], np.ones(_BATCH, dtype=bool)
         while len(steps) < count and fits.any():
             modes = motion.switch(modes, period_s, rng)
             steps.append(motion.move(steps[-1], modes, period_s, rng))
@@ -172,14 +173,16 @@ def path_at_random(
         if fits.any():
             return np.stack([states[fits.argmax()] for states in steps])
     raise ValueError(
-        f'no random path of {count} frames fits into a frame of '
+        f'no random trajectory of {count} frames fits into a frame of '
         f'{extent_m[0]:g} x {extent_m[1]:g} m at these speeds')
 
 
 def _fits(
     states: np.ndarray, motion: MotionModes, low: np.ndarray, high: np.ndarray,
 ) -> np.ndarray:
-    """Return which states (n, 4) are in the frame and within the speed limits, (n,) of bool."""
-    place, speed = states[:, POS], np.linalg.norm(states[:, VEL], axis=-1)
-    inside = np.all((place >= low) & (place < high), axis=-1)
-    return inside & (speed >= motion.min_speed_mps) & (speed <= motion.max_speed_mps)
+    """Return whether each state (n, 4) is inside the frame and the speed limits, (n,)."""
+    position, speed = states[:, POS], np.linalg.norm(states[:, VEL], axis=-1)
+    inside = np.all((position >= low) & (position < high), axis=-1)
+    fits: np.ndarray = inside & (speed >= motion.min_speed_mps) & (
+        speed <= motion.max_speed_mps)
+    return fits

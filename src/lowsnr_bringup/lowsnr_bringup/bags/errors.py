@@ -1,0 +1,42 @@
+"""What goes wrong with files: the error that names one, and all that reading one can raise."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import sqlite3
+import struct
+import tokenize
+import zipfile
+import zlib
+
+from mcap.exceptions import McapError
+from rosbags.serde import SerdeError
+from zstandard import ZstdError
+
+# Reading a file that holds arbitrary bytes can raise any of these, in our code and in libraries.
+UNREADABLE = (
+    McapError, SerdeError, ZstdError, sqlite3.Error, struct.error, zlib.error,
+    tokenize.TokenError, zipfile.BadZipFile, OSError, ValueError, LookupError, TypeError,
+    AttributeError, AssertionError, ArithmeticError, MemoryError, RuntimeError, SyntaxError,
+    EOFError)
+
+
+class UnusableFile(ValueError):
+    """
+    A file or folder cannot be used.
+
+    Parameters
+    ----------
+    path
+        The file or folder.
+    reason
+        Why, as a code: the same few words for all files with the same fault.
+    sentence
+        Why, with the values of this file; one line.
+
+    """
+
+    def __init__(self, path: Path, reason: str, sentence: str) -> None:
+        super().__init__(f'{path}: {sentence}')
+        self.path = path
+        self.reason = reason

@@ -1,0 +1,177 @@
+"""
+The curve of threshold against false-alarm probability, and the look-up on it.
+
+The false-alarm probability is the probability that an empty frame holds any declaration.  A curve
+is simulated once for the settings of a detector and a frame size
+(:mod:`lowsnr_detect.calibration.simulated_curve`); the threshold for any probability is a look-up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from collections.abc import Mapping
+from dataclasses import asdict
+from dataclasses import dataclass
+import math
+from typing import Any
+
+import numpy as np
+
+# Values at each point of a curve, and all values of one.
+_COLUMNS = ('threshold', 'low', 'high', 'measured_prob')
+_NAMES = ('shape', 'simulated_shape', 'runs', 'frames', 'seed', 'log_odds', *_COLUMNS)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """
+    The threshold for one false-alarm probability, with its evidence.
+
+    Parameters
+    ----------
+    threshold
+        Threshold [nat].
+    interval
+        Its 95 % confidence interval [nat].
+    false_alarm_prob
+        Fraction of empty frames with any declaration that it is for.
+    shape
+        Rows and columns that it is for.
+    simulated_shape
+        Rows and columns that were simulated; fewer where the result is extrapolated.
+    measured_prob
+        Fraction of the simulated frames with a declaration; less than wanted where the test has
+        no more false alarms at any threshold.
+    runs, frames
+        Runs simulated, and frames in each, from a fresh start.
+    seed
+        Root seed of the simulation.
+
+    """
+
+    threshold: float
+    interval: tuple[float, float]
+    false_alarm_prob: float
+    shape: tuple[int, int]
+    simulated_shape: tuple[int, int]
+    measured_prob: float
+    runs: int
+    frames: int
+    seed: int
+
+
+@dataclass(frozen=True)
+class Curve:
+    """
+    Threshold against false-alarm probability, with the simulation it comes from.
+
+    Parameters
+    ----------
+    shape, simulated_shape, runs, frames, seed
+        As for :class:`Calibration`.
+    log_odds
+        ``ln(p / (1 - p))`` of the false-alarm probability p of the simulated frame, ascending.
+    threshold, low, high, measured_prob
+        Threshold, its 95 % interval [nat], and measured probability at each of ``log_odds``.
+
+    """
+
+    shape: tuple[int, int]
+    simulated_shape: tuple[int, int]
+    runs: int
+    frames: int
+    seed: int
+    log_odds: tuple[float, ...]
+    threshold: tuple[float, ...]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    measured_prob: tuple[float, ...]
+
+    def at(self, false_alarm_prob: float) -> Calibration:
+        """
+        Look up the threshold for a false-alarm probability, interpolated in its log odds.
+
+        Raises
+        ------
+        ValueError
+            If the probability is not in (0, 1).
+
+        """
+        where = log_odds(part_prob(false_alarm_prob, self.shape, self.simulated_shape))
+        threshold, low, high, measured = (
+            float(np.interp(where, self.log_odds, getattr(self, name))) for name in _COLUMNS)
+        return Calibration(
+            threshold, (low, high), false_alarm_prob, self.shape, self.simulated_shape, measured,
+            self.runs, self.frames, self.seed)
+
+    def record(self) -> dict[str, Any]:
+        """Return the curve as values of JSON types."""
+        return asdict(self)
+
+
+def curve_from_record(record: Mapping[str, Any], shape: tuple[int, int]) -> Curve:
+    """
+    Return the curve that a record of :meth:`Curve.record` holds, checked.
+
+    Parameters
+    ----------
+    record
+        Values of JSON types, possibly damaged.
+    shape
+        Rows and columns that the curve must be for.
+
+    Raises
+    ------
+    ValueError
+        Names a value that is missing or cannot be that of such a curve.
+
+    """
+    for name, sound in _checks({name: record.get(name) for name in _NAMES}, shape):
+        if not sound:
+            raise ValueError(f'{name} = {record.get(name)!r} is not that of a curve')
+    values: dict[str, Any] = {
+        name: tuple(record[name]) if isinstance(record[name], list) else record[name]
+        for name in _NAMES}
+    return Curve(**values)
+
+
+def _checks(value: Mapping[str, Any], shape: tuple[int, int]) -> Iterator[tuple[str, bool]]:
+    """Yield name and soundness of each value; a later check relies on the earlier ones."""
+    for name in ('runs', 'frames', 'seed'):
+        yield name, type(value[name]) is int and value[name] >= (name != 'seed')
+    for name in ('shape', 'simulated_shape'):
+        yield name, isinstance(value[name], list) and len(value[name]) == 2 and all(
+            type(item) is int and item > 0 for item in value[name])
+    yield 'shape', tuple(value['shape']) == shape
+    for name in ('log_odds', *_COLUMNS):
+        yield name, isinstance(value[name], list) and len(value[name]) > 1 and all(
+            isinstance(item, float) and math.isfinite(item) for item in value[name])
+        yield name, len(value[name]) == len(value['log_odds'])
+    odds, threshold, low, high, measured = (
+        np.array(value[name]) for name in ('log_odds', *_COLUMNS))
+    yield 'log_odds', bool(np.all(np.diff(odds) > 0.0))
+    yield 'threshold', bool(np.all(np.diff(threshold) <= 0.0))
+    yield 'low', bool(np.all(low <= threshold))
+    yield 'high', bool(np.all(high >= threshold))
+    yield 'measured_prob', bool(np.all((measured >= 0.0) & (measured <= 1.0)))
+
+
+def part_prob(prob: float, shape: tuple[int, int], part: tuple[int, int]) -> float:
+    """
+    Return the false-alarm probability of a part of a frame, given that of the frame.
+
+    Raises
+    ------
+    ValueError
+        If the probability is not in (0, 1).
+
+    """
+    if not 0.0 < prob < 1.0:
+        raise ValueError(f'false_alarm_prob = {prob!r}, must be a number in (0, 1)')
+    fraction = math.prod(part) / math.prod(shape)
+    return max(-math.expm1(fraction * math.log1p(-prob)), 1e-300)
+
+
+def log_odds(prob: float) -> float:
+    """Return ``ln(p / (1 - p))``."""
+    return math.log(prob) - math.log1p(-prob)

@@ -1,0 +1,86 @@
+"""The base of detectors that compare a statistic of every cell with a threshold."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from dataclasses import field
+from dataclasses import replace
+import math
+from typing import Any
+from typing import ClassVar
+from typing import Self
+
+from lowsnr_common.core.measurement import SensorModel
+from lowsnr_common.settings.config import check_settings
+from lowsnr_common.settings.config import setting
+from lowsnr_detect.parts.detector import Declarations
+from lowsnr_detect.parts.thinning import declare_cells
+from lowsnr_detect.parts.wald_bounds import wald_bounds
+import numpy as np
+
+
+@dataclass(frozen=True, kw_only=True)
+class CellDetector:
+    """
+    Settings and declarations of a detector whose statistic is one plane of cells.
+
+    A subclass computes the plane in its ``step`` and passes it to :meth:`declare`.
+    """
+
+    feedback: ClassVar[bool] = False
+    local: ClassVar[bool] = True
+
+    sensor: SensorModel = field(default_factory=SensorModel)
+    alpha: float = setting(
+        0.01, 'nominal probability that noise is declared an object', gt=0.0, lt=0.5)
+    beta: float = setting(
+        0.01, 'nominal probability that an object is missed', gt=0.0, lt=0.5)
+    threshold: float = setting(
+        4.595, 'statistic above which a cell is declared [nat]', live=True)
+    thinning_reach: int = setting(
+        0, 'cells on each side that a stronger declaration suppresses', ge=0, le=50)
+    max_detections: int = setting(50, 'most declarations in a frame', ge=1, le=10_000)
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+    @property
+    def frames_per_declaration(self) -> int:
+        """Number of frames whose noise successive declarations of one object share."""
+        return 1
+
+    @property
+    def suppressed_reach(self) -> int:
+        """Cells on each side that a declaration suppresses, those of the blur included."""
+        return self.thinning_reach + self.sensor.blur_reach
+
+    @property
+    def position_std_m(self) -> float:
+        """Standard deviation of a declared position per axis [m]: uniform in its cell."""
+        return self.sensor.cell_size_m / math.sqrt(12.0)
+
+    def nominal(self) -> Self:
+        """Return the test with Wald's upper bound for alpha and beta."""
+        return replace(self, threshold=wald_bounds(self.alpha, self.beta)[1])
+
+    def init(self, shape: tuple[int, ...]) -> Any:
+        """Return the memory before the first frame of shape (..., rows, cols): none."""
+        return None
+
+    def declare(self, plane: np.ndarray, row_peaks: np.ndarray | None = None) -> Declarations:
+        """
+        Declare the cells of a plane above the threshold, thinned.
+
+        Parameters
+        ----------
+        plane : (..., rows, cols) ndarray
+            Test statistic of each cell [nat], compared as float32.
+        row_peaks : (..., rows) ndarray of float32, optional
+            Largest statistic of each row, where it is known; rows of the plane that do not
+            exceed the threshold are then not read.
+
+        """
+        return declare_cells(
+            np.asarray(plane, dtype=np.float32), self.threshold, reach=self.suppressed_reach,
+            most=self.max_detections, cell_size_m=self.sensor.cell_size_m,
+            position_std_m=self.position_std_m, row_peaks=row_peaks)

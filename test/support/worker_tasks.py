@@ -1,0 +1,24 @@
+"""Tasks that the worker processes of a study run in tests."""
+
+import os
+from pathlib import Path
+import signal
+import sys
+
+
+def die_once(mark: Path, number: int) -> int:
+    """Return a number; the first process that gets here writes its id to a file and dies."""
+    try:
+        with mark.open('x', encoding='utf-8') as file:
+            file.write(str(os.getpid()))
+    except FileExistsError:
+        return number
+    signal.raise_signal(signal.SIGKILL)
+    return number
+
+
+def surroundings() -> tuple[bool, bool, str | None]:
+    """Return whether dask is imported, whether Ctrl-C is blocked, and the number of threads."""
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, [])
+    return 'distributed' in sys.modules, signal.SIGINT in blocked, os.environ.get(
+        'OMP_NUM_THREADS')
