@@ -75,7 +75,7 @@ class EvaluatorNode(ManagedNode):
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Score what has arrived, and write it to disk."""
         self._score(time.monotonic())
-        self._scorer.flush_scene()
+        self._scorer.scene.flush()
         self._flush()
         return super().on_deactivate(state)
 
@@ -111,8 +111,8 @@ class EvaluatorNode(ManagedNode):
 
     def _on_frame(self, image: Image) -> None:
         """Keep a frame for the report, which alone shows it."""
-        if self.active and self._scorer.keeps_frames:
-            self._scorer.add_frame(_stamp(image.header), messages.image_to_frame(image))
+        if self.active and not self._scorer.scene.full:
+            self._scorer.scene.add_frame(_stamp(image.header), messages.image_to_frame(image))
 
     def _on_timer(self) -> None:
         now_s = time.monotonic()
@@ -136,7 +136,7 @@ class EvaluatorNode(ManagedNode):
         self._score()
 
     def _flush(self) -> None:
-        fault = self._scorer.flush()
+        fault = self._scorer.tables.flush()
         self.broken = f'{fault}; scores are kept until they can be written' if fault else ''
 
     def _score(self, older_than_s: float = -float('inf')) -> None:
