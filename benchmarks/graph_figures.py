@@ -18,7 +18,7 @@ import time
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT / 'scripts'), str(ROOT / 'test'), str(ROOT / 'benchmarks')]
+sys.path[:0] = [str(ROOT / 'scripts'), str(ROOT / 'test' / 'support'), str(ROOT / 'benchmarks')]
 
 import _environment  # noqa: E402
 

@@ -129,14 +129,18 @@ def main() -> int:
         os.environ['ROS_DOMAIN_ID'] = str(options.domain_id)
     from lowsnr_bringup.plan.graph import to_yaml
     from lowsnr_bringup.run.domain import claim_domain
+    from lowsnr_bringup.run.middleware import middleware_environment
     from lowsnr_bringup.run.results_folder import fresh_folder
     from lowsnr_bringup.run.results_folder import PARAMETERS_FILE
+    import rclpy
     try:
         plan = plan_of(options)
         claim = claim_domain()
         if options.secure is not None:
             secure(options.secure, [node.path for node in plan.nodes])
         folder = fresh_folder(options.results or ROOT / 'results' / plan.name)
+        os.environ |= middleware_environment(
+            os.environ, folder, rclpy.get_rmw_implementation_identifier())
     except ValueError as error:
         print(f'bringup.py: {error}', file=sys.stderr)
         return USAGE
@@ -204,12 +208,10 @@ def run(plan: 'RunPlan', folder: Path) -> int:
     from lowsnr_bringup.bags.recording import bags_of_run
     from lowsnr_bringup.bags.recording import summarize_recording
     from lowsnr_bringup.ros.supervisor import Supervisor
-    from lowsnr_bringup.run.middleware import middleware_environment
     from lowsnr_eval.report.table import format_table
     from lowsnr_eval.scoring.final_summary import summarize_run
 
     patience_s = plan.parameters['/evaluator']['answer_within_s'] + 2.0
-    os.environ |= middleware_environment(os.environ, folder, plan.frame_bytes)
     supervisor = Supervisor(plan.nodes, folder, plan.frames, patience_s, plan.respawn)
     status, trouble = supervisor.run()
     try:

@@ -1,4 +1,4 @@
-"""The middleware's profile: who is let in, room for large frames, never over the user's own."""
+"""The profile of the middleware: its transport, its reach, and that a user's own comes first."""
 
 import xml.etree.ElementTree as ElementTree
 
@@ -7,53 +7,66 @@ from lowsnr_bringup.run.middleware import PROFILE_FILE
 import pytest
 
 SPACE = '{http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles}'
+FAST_DDS = 'rmw_fastrtps_cpp'
+VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
+RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 
 
-def profile(folder, frame_bytes, **environment):
-    """Return the profile that is written for frames of this size."""
-    found = middleware_environment(environment, folder, frame_bytes)
-    assert found == {
-        'FASTRTPS_DEFAULT_PROFILES_FILE': str(folder / PROFILE_FILE),
-        'FASTDDS_DEFAULT_PROFILES_FILE': str(folder / PROFILE_FILE),
-        'RMW_FASTRTPS_USE_QOS_FROM_XML': '1'}
-    return ElementTree.parse(folder / PROFILE_FILE).getroot()
+def profile(folder, **environment):
+    """Return the profile that is written in an environment, and the variables but its path."""
+    added = middleware_environment(environment, folder, FAST_DDS)
+    assert {added.pop(name) for name in VARIABLES} == {str(folder / PROFILE_FILE)}
+    return ElementTree.parse(folder / PROFILE_FILE).getroot(), added
 
 
-@pytest.mark.parametrize('frame_bytes', [0, 4 * 20 * 20, 4 * 128 * 128])
-def test_small_frames_leave_the_transports_as_they_are(tmp_path, frame_bytes):
-    root = profile(tmp_path, frame_bytes)
-    assert root.find(f'{SPACE}transport_descriptors') is None
-    assert root.find(f'.//{SPACE}useBuiltinTransports') is None
-    assert root.find(f'.//{SPACE}heartbeatPeriod') is not None
+def texts(root, path):
+    """Return the texts of all elements at a path."""
+    return [item.text for item in root.iterfind('.//' + '/'.join(
+        SPACE + part for part in path.split('/')))]
 
 
-@pytest.mark.parametrize('side', [256, 1024, 16384])
-def test_segment_holds_frames(tmp_path, side):
-    root = profile(tmp_path, 4 * side * side)
-    message, segment = (
-        int(next(root.iter(f'{SPACE}{name}')).text) for name in ('maxMessageSize', 'segment_size'))
-    assert 4 * side * side < message
-    assert 2 * message <= segment < 2**32
+@pytest.mark.parametrize('environment', [{}, {RANGE: 'LOCALHOST'}])
+def test_udp_is_the_only_transport(tmp_path, environment):
+    root, added = profile(tmp_path, **environment)
+    assert texts(root, 'type') == ['UDPv4']
+    assert texts(root, 'useBuiltinTransports') == ['false']
+    assert texts(root, 'userTransports/transport_id') == texts(
+        root, 'transport_descriptor/transport_id')
+    assert added['RMW_FASTRTPS_USE_QOS_FROM_XML'] == '1'
 
 
-@pytest.mark.parametrize('frame_bytes', [0, 2**22])
-@pytest.mark.parametrize(('environment', 'only'), [
-    ({}, []),
-    ({'ROS_AUTOMATIC_DISCOVERY_RANGE': ''}, []),
-    ({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'}, []),
-    ({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SYSTEM_DEFAULT'}, []),
-    ({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}, ['127.0.0.1']),
-    ({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'ROS_STATIC_PEERS': '10.0.0.2'}, []),
-    ({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET', 'ROS_LOCALHOST_ONLY': '1'}, ['127.0.0.1']),
+@pytest.mark.parametrize(('environment', 'sockets', 'peers'), [
+    ({}, [], []),
+    ({RANGE: ''}, [], []),
+    ({RANGE: 'SUBNET'}, [], []),
+    ({RANGE: 'SYSTEM_DEFAULT'}, [], []),
+    ({RANGE: 'SUBNET', 'ROS_STATIC_PEERS': '10.0.0.2'}, [], []),  # ROS adds the peers itself
+    ({RANGE: 'LOCALHOST'}, ['127.0.0.1'], ['127.0.0.1']),
+    ({RANGE: 'LOCALHOST', 'ROS_STATIC_PEERS': '10.0.0.2;10.0.0.3'}, [],
+     ['127.0.0.1', '10.0.0.2', '10.0.0.3']),
+    ({RANGE: 'SUBNET', 'ROS_LOCALHOST_ONLY': '1'}, ['127.0.0.1'], ['127.0.0.1']),
+    ({RANGE: 'SUBNET', 'ROS_LOCALHOST_ONLY': '1', 'ROS_STATIC_PEERS': '10.0.0.2'},
+     ['127.0.0.1'], ['127.0.0.1']),
 ])
-def test_sockets_stay_on_this_host_with_discovery(tmp_path, environment, only, frame_bytes):
-    root = profile(tmp_path, frame_bytes, **environment)
-    assert [item.text for item in root.iterfind(f'.//{SPACE}address')] == only
-    kinds = {item.text for item in root.iterfind(f'.//{SPACE}type')}
-    assert kinds == ({'SHM', 'UDPv4'} if only or frame_bytes else set())
+def test_sockets_and_peers_follow_the_discovery_range(tmp_path, environment, sockets, peers):
+    root, added = profile(tmp_path, **environment)
+    assert texts(root, 'interfaceWhiteList/address') == sockets
+    assert texts(root, 'initialPeersList/locator/udpv4/address') == peers
+    # ROS adds shared memory where it limits the range itself.
+    assert added.get(RANGE) == ('SYSTEM_DEFAULT' if peers else None)
+    assert added.get('ROS_LOCALHOST_ONLY', '') == ''
 
 
-def test_profile_of_the_user_stays(tmp_path):
-    given = {'FASTRTPS_DEFAULT_PROFILES_FILE': 'mine.xml'}
-    assert middleware_environment(given, tmp_path, 2**22) == {}
+def test_peer_without_an_address_is_named(tmp_path):
+    environment = {RANGE: 'LOCALHOST', 'ROS_STATIC_PEERS': 'nobody.invalid'}
+    with pytest.raises(ValueError, match=r'nobody\.invalid'):
+        middleware_environment(environment, tmp_path, FAST_DDS)
+
+
+@pytest.mark.parametrize(('environment', 'implementation'), [
+    ({VARIABLES[0]: 'mine.xml', RANGE: 'LOCALHOST'}, FAST_DDS),
+    ({RANGE: 'LOCALHOST'}, 'rmw_cyclonedds_cpp'),
+])
+def test_profile_of_the_user_and_other_middleware_stay(tmp_path, environment, implementation):
+    assert middleware_environment(environment, tmp_path, implementation) == {}
     assert not list(tmp_path.iterdir())

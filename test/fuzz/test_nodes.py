@@ -6,7 +6,6 @@ import os
 from pathlib import Path
 
 from fuzz.counting import fuzz
-from fuzz.counting import GIVEN
 from fuzz.messages import arrays
 from fuzz.messages import images
 from fuzz.messages import odometries
@@ -22,11 +21,12 @@ from lowsnr_eval.viewer_node import ViewerNode
 from lowsnr_sensor.conditioner_node import ConditionerNode
 from lowsnr_track.tracker_node import TrackerNode
 import numpy as np
-from onlooker import ros_context
 import pytest
 from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
 from rclpy.serialization import serialize_message
+from ros_nodes import ros_context
+from tally import INPUTS
 
 pytestmark = pytest.mark.filterwarnings('ignore::RuntimeWarning')
 NANO = 1_000_000_000
@@ -160,7 +160,7 @@ def test_nodes_do_not_grow(feed, rng):
         for _ in range(count):
             topic = rng.choice(sorted(sent))
             feed(NANO // 10, topic, sent[topic][rng.integers(len(sent[topic]))])
-        GIVEN['messages against growth'] += count
+        INPUTS['messages against growth'] += count
         return resident_bytes() - start
 
     warm_up = send(500)

@@ -1,11 +1,11 @@
 """ROS contexts of their own, so that tests do not see each other's nodes."""
 
 from node_client import NodeClient
-from onlooker import ros_context
 import pytest
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.parameter import Parameter
+from ros_nodes import ros_context
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""Nodes of a run keep no room for messages that are gone."""
+"""Nodes of a run free the memory of messages that have left their queues."""
 
 import subprocess
 import sys
@@ -8,7 +8,7 @@ from graph_runs import own_domain
 from lowsnr_bringup.run.middleware import middleware_environment
 
 MESSAGES, MIB = 40, 4
-# Two nodes of one process would share the room.
+# Two nodes of one process would share the memory.
 NODE = f"""
 import array
 import sys
@@ -45,9 +45,9 @@ else:
 """
 
 
-def test_room_of_large_messages_is_given_back(tmp_path):
+def test_memory_of_large_messages_is_freed(tmp_path):
     environment = graph_environment(own_domain())
-    environment |= middleware_environment(environment, tmp_path, MIB * 2**20)
+    environment |= middleware_environment(environment, tmp_path, 'rmw_fastrtps_cpp')
     with subprocess.Popen([sys.executable, '-c', NODE, 'writer'], env=environment,
                           stdin=subprocess.PIPE) as writer:
         done = subprocess.run([sys.executable, '-c', NODE, 'reader'], env=environment,

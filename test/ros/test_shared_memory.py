@@ -1,22 +1,17 @@
-"""Leftovers of the middleware in shared memory: those of killed processes go."""
+"""Leftovers of the middleware in shared memory: those of killed processes are removed."""
 
 import os
+from pathlib import Path
 import subprocess
 import sys
 import time
 
-from dying_sender import die_in
-from dying_sender import open_files
-from dying_sender import port_of
-from dying_sender import sending_to
 from graph_runs import graph_environment
 from graph_runs import own_domain
 from lowsnr_bringup.run.shared_memory import clear_leftovers
-from lowsnr_bringup.run.shared_memory import close_ports
-from lowsnr_bringup.run.shared_memory import free_ports
-from lowsnr_bringup.run.shared_memory import MUTEXES_AT
 import pytest
 
+# Without a profile of ours, so that it uses shared memory as Fast DDS does by default.
 NODE = """
 import rclpy
 rclpy.init()
@@ -27,29 +22,29 @@ rclpy.spin(node)
 
 
 def start_node(domain_id):
-    """Start a process with a node; return it, and the locks of its segments and of its ports."""
+    """Start a process with a node; return it, and the lock files of its segments."""
     process = subprocess.Popen(
         [sys.executable, '-c', NODE], env=graph_environment(domain_id), text=True,
         stdout=subprocess.PIPE)
     assert process.stdout.readline() == 'up\n'
-    locks = {path for path in open_files(process.pid) if path.name.endswith('_el')}
-    ports = {lock for lock in locks if 'port' in lock.name}
-    return process, locks - ports, ports
+    opened = [Path(os.readlink(link)) for link in Path(f'/proc/{process.pid}/fd').iterdir()]
+    return process, {
+        path for path in opened if path.name.endswith('_el') and 'port' not in path.name}
 
 
-def guarded(lock):
-    """Return the segment or port that a lock is for."""
+def segment_of(lock):
+    """Return the segment that a lock file belongs to."""
     return lock.with_name(lock.name.removesuffix('_el'))
 
 
 @pytest.fixture(scope='module')
-def processes():
-    """Return the locks of a process that was killed, and of one that lives, and its id."""
-    dead, *gone = start_node(own_domain())
-    living, *kept = start_node(own_domain(1))  # it does not use the ports of the other
+def locks():
+    """Return the lock files of a process that was killed, and of one that lives."""
+    dead, gone = start_node(own_domain())
+    living, kept = start_node(own_domain(1))
     dead.kill()
     dead.wait()
-    yield gone, kept, living.pid
+    yield gone, kept
     lived = living.poll() is None
     living.kill()
     living.wait()
@@ -58,55 +53,25 @@ def processes():
     assert lived
 
 
-@pytest.mark.parametrize('made_s', [1.0, time.time() + 1e6])  # long ago, before it was set back
-def test_segments_of_a_killed_process_are_removed_and_those_of_others_stay(processes, made_s):
-    (gone, _), (kept, _), _ = processes
+@pytest.mark.parametrize('made_s', [1.0, time.time() + 1e6])  # long ago; before a set-back clock
+def test_only_segments_of_processes_that_are_gone_are_removed(locks, made_s):
+    gone, kept = locks
     assert gone
     assert kept
     for lock in gone | kept:
-        guarded(lock).touch()
+        segment_of(lock).touch()
         lock.touch()
         os.utime(lock, (made_s, made_s))
     assert clear_leftovers() >= len(gone)
-    assert not any(lock.exists() or guarded(lock).exists() for lock in gone)
-    assert all(lock.exists() and guarded(lock).exists() for lock in kept)
+    assert not any(lock.exists() or segment_of(lock).exists() for lock in gone)
+    assert all(lock.exists() and segment_of(lock).exists() for lock in kept)
 
 
-def test_ports_of_a_killed_process_are_closed_and_those_of_others_stay(processes):
-    (_, gone), (_, kept), _ = processes
-    assert gone
-    assert kept
-    before = {lock: guarded(lock).read_bytes() for lock in gone}
-    assert close_ports() >= len(gone)
-    for lock in gone:
-        changed = [n for n, (old, new) in enumerate(
-            zip(before[lock], guarded(lock).read_bytes(), strict=True)) if old != new]
-        assert len(changed) == 1
-        assert before[lock][changed[0]] & 1
-    assert all(guarded(lock).read_bytes()[changed[0]] & 1 for lock in kept)
-
-
-@pytest.mark.parametrize('offset', MUTEXES_AT)
-def test_what_a_killed_sender_left_locked_is_unlocked_and_what_another_holds_is_not(
-        processes, offset):
-    port = port_of(processes[-1])
-    free_ports()  # what others left
-    die_in(port, offset)
-    assert free_ports() == 1
-    with sending_to(port, offset):
-        assert free_ports() == 0
-
-
-def test_what_is_not_the_middlewares_is_left_alone(tmp_path):
-    names = ['fastrtps_0123456789abcdef', 'fastrtps_port7411', 'fastrtps_port7411_el',
-             'fastrtps_port7412', 'fastrtps_port7412_el', 'fastrtps_port7413',
-             'fastrtps_port7413_el', 'other_el', 'fastrtps_short_el']
+def test_files_of_others_stay(tmp_path):
+    names = ['fastrtps_0123456789abcdef', 'fastrtps_port7411', 'fastrtps_port7411_el', 'other_el',
+             'fastrtps_short_el']
     for name in (*names, 'fastrtps_0123456789abcdef_el'):
         (tmp_path / name).touch()
-    (tmp_path / 'fastrtps_port7412').write_bytes(bytes(50_000))
-    (tmp_path / 'fastrtps_port7413').write_bytes(b'port_node_abi5')
-    assert close_ports(tmp_path) == free_ports(tmp_path) == 0
-    assert (tmp_path / 'fastrtps_port7412').read_bytes() == bytes(50_000)
     assert clear_leftovers(tmp_path) == 0  # just made: its process may be starting
     os.utime(tmp_path / 'fastrtps_0123456789abcdef_el', (1.0, 1.0))
     for name in names[1:]:

@@ -2,7 +2,7 @@
 
 import signal
 
-from intruder import FUTURE_S
+from graph_client import FUTURE_S
 
 
 def check_end(run, code):

@@ -1,14 +1,13 @@
 """A full disk, and folders that are removed in a run: the run goes on, and no score is lost."""
 
-from functools import partial
 import os
 from pathlib import Path
 import shutil
 import signal
 import time
 
-from conftest import fill
 from diagnostic_msgs.msg import DiagnosticStatus
+from disk import fill
 from lowsnr_bringup.bags.bag_files import METADATA_FILE
 from lowsnr_bringup.bags.reader import Bag
 from lowsnr_bringup.bags.recording import summarize_recording
@@ -60,13 +59,12 @@ def check_whole(run):
     assert (run.results / 'latency.csv').read_text().count('\n') == 1 + frames['scored']
 
 
-def test_scores_wait_for_room_on_a_full_disk(bringup, small_disk, intruder):
+def test_scores_wait_for_room_on_a_full_disk(bringup, small_disk, client):
     run = bringup(*RUN, results='disk/run')
     run.wait_for_rows(40)
     fill(small_disk / 'ballast')
-    said = 'scores are kept until they can be written'
-    status, *_ = intruder.wait(partial(intruder.told, '/evaluator', said))
-    assert status.level == DiagnosticStatus.ERROR
+    client.wait(lambda: client.level('/evaluator') == DiagnosticStatus.ERROR)
+    assert client.statuses('/evaluator', str(small_disk))
     (small_disk / 'ballast').unlink()
     rows = len(run.rows())
     run.wait_for_rows(rows + 200)

@@ -9,9 +9,9 @@ import sys
 import time
 
 from graph_runs import own_domain
-from onlooker import onlooker
 import psutil
 import pytest
+from ros_nodes import spun_node
 
 TWO_HOSTS = Path(__file__).with_name('two_hosts.py')
 NEW_NETWORK = ['unshare', '--map-root-user', '--net']
@@ -95,7 +95,7 @@ def test_every_node_is_in_the_enclave_that_bears_its_name(bringup):
         f'/{name}/{node}' for name in ('cdt', 'sdt')
         for node in (f'{name}_detector', 'tracker', 'viewer'))}
     found, until = {}, time.monotonic() + 120.0
-    with onlooker('onlooker') as (node, _):
+    with spun_node('onlooker') as (node, _):
         while set(found) != wanted:
             assert run.process.poll() is None, run.finish()
             assert time.monotonic() < until, found

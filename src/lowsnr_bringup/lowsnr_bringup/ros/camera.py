@@ -71,7 +71,9 @@ def look_at_camera(topic: str, within_s: float = 10.0) -> RecordedRun:
 def _node() -> Iterator[Node]:
     """Yield a node in a context of its own, for whose sockets holds what holds for a run's."""
     with TemporaryDirectory() as folder:
-        added = middleware_environment(os.environ, Path(folder), 0)
+        added = middleware_environment(
+            os.environ, Path(folder), rclpy.get_rmw_implementation_identifier())
+        before = {name: os.environ.get(name) for name in added}
         os.environ |= added
         context = rclpy.Context()
         rclpy.init(
@@ -83,8 +85,11 @@ def _node() -> Iterator[Node]:
         finally:
             node.destroy_node()
             context.try_shutdown()
-            for name in added:  # a run writes its own
-                del os.environ[name]
+            for name, value in before.items():  # a run writes a profile of its own
+                if value is None:
+                    del os.environ[name]
+                else:
+                    os.environ[name] = value
 
 
 def _wait_for_publisher(node: Node, topic: str, until: float) -> None:

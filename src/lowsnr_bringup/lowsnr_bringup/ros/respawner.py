@@ -17,8 +17,6 @@ from lowsnr_bringup.run.respawn_policy import Deaths
 from lowsnr_bringup.run.respawn_policy import RespawnPolicy
 from lowsnr_bringup.run.results_folder import RESTARTS_FILE
 from lowsnr_bringup.run.shared_memory import clear_leftovers
-from lowsnr_bringup.run.shared_memory import close_ports
-from lowsnr_bringup.run.shared_memory import free_ports
 from tqdm import tqdm
 
 _COLUMNS = ('frame', 'node', 'death', 'down_s')
@@ -82,9 +80,7 @@ class Respawner:
         if wait_s is None or member.process.returncode in _FINAL.get(node.name, (_USAGE_ERROR,)):
             self._cases.pop(node, None)
             return False
-        free_ports()
         clear_leftovers()
-        close_ports()
         first = self._cases.get(node)
         died_s = first.died_s if first else now_s
         self._cases[node] = _Case(member.death(), self.manager.scored, died_s, now_s + wait_s)

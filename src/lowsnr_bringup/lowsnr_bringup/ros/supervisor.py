@@ -24,7 +24,6 @@ from lowsnr_bringup.run.processes import NodeProcess
 from lowsnr_bringup.run.processes import ProcessGroup
 from lowsnr_bringup.run.results_folder import Account
 from lowsnr_bringup.run.results_folder import PARAMETERS_FILE
-from lowsnr_bringup.run.shared_memory import free_ports
 from tqdm import tqdm
 
 _START_WITHIN_S = 600.0
@@ -179,7 +178,6 @@ class Supervisor:
         if not (spare and self._manager.scored):
             raise GraphFailure(report)
         self._missed[member.node] = report
-        free_ports()
         tqdm.write(f'the run goes on without {report}', file=sys.stderr)
 
     def _source_done(self) -> bool:

@@ -1,29 +1,38 @@
-"""Settings of the middleware for a run: who is found, how quickly, and room for large frames."""
+"""The settings of the middleware for a run: its transport, its discovery and its memory."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+import socket
 
 PROFILE_FILE = 'fastdds.xml'
-# Read by Fast DDS 2 (Jazzy) and by later ones.
+# Fast DDS 2 (Jazzy) and later versions read different variables.
 _VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
-# Has ROS leave to the profile what it sets itself: data sharing, and how memory is kept.
+# ROS otherwise overrides what the profile says of data sharing and of memory.
 _FROM_PROFILE = {'RMW_FASTRTPS_USE_QOS_FROM_XML': '1'}
-# Discovery beyond this host; so it is where nothing is said.
-_RANGE, _WIDE = 'ROS_AUTOMATIC_DISCOVERY_RANGE', ('', 'SUBNET', 'SYSTEM_DEFAULT')
-# What Fast DDS's own segment of half a megabyte holds well.
-_SMALL_BYTES = 65_536
-_FRAMES_IN_SEGMENT = 8
-_LARGEST_SEGMENT = 2**30
-# Header and rounding of a message.
-_MARGIN_BYTES = 65_536
+_RANGE, _PEERS, _ONLY_HERE = (
+    'ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_STATIC_PEERS', 'ROS_LOCALHOST_ONLY')
+# With this range ROS adds nothing to the profile; with LOCALHOST it adds shared memory.
+_AS_IN_PROFILE = {_RANGE: 'SYSTEM_DEFAULT', _PEERS: '', _ONLY_HERE: ''}
 _PROFILE = """\
 <?xml version="1.0" encoding="UTF-8"?>
 <profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
-{transports}  <participant profile_name="lowsnr" is_default_profile="true">
+  <transport_descriptors>
+    <transport_descriptor>
+      <transport_id>lowsnr</transport_id>
+      <type>UDPv4</type>
+      <receiveBufferSize>4194304</receiveBufferSize>
+      <maxInitialPeersRange>32</maxInitialPeersRange>
+{interfaces}    </transport_descriptor>
+  </transport_descriptors>
+  <participant profile_name="lowsnr" is_default_profile="true">
     <rtps>
-{use}      <builtin>
+      <userTransports>
+        <transport_id>lowsnr</transport_id>
+      </userTransports>
+      <useBuiltinTransports>false</useBuiltinTransports>
+      <builtin>
         <discovery_config>
           <leaseAnnouncement><sec>0</sec><nanosec>250000000</nanosec></leaseAnnouncement>
           <initialAnnouncements>
@@ -31,7 +40,7 @@ _PROFILE = """\
             <period><nanosec>100000000</nanosec></period>
           </initialAnnouncements>
         </discovery_config>
-        <readerHistoryMemoryPolicy>PREALLOCATED_WITH_REALLOC</readerHistoryMemoryPolicy>
+{locators}        <readerHistoryMemoryPolicy>PREALLOCATED_WITH_REALLOC</readerHistoryMemoryPolicy>
         <writerHistoryMemoryPolicy>PREALLOCATED_WITH_REALLOC</writerHistoryMemoryPolicy>
       </builtin>
     </rtps>
@@ -49,78 +58,82 @@ _PROFILE = """\
   </data_reader>
 </profiles>
 """
-_TRANSPORTS = """\
-  <transport_descriptors>
-    <transport_descriptor>
-      <transport_id>frames</transport_id>
-      <type>SHM</type>
-{room}    </transport_descriptor>
-    <transport_descriptor>
-      <transport_id>network</transport_id>
-      <type>UDPv4</type>
-{only}    </transport_descriptor>
-  </transport_descriptors>
-"""
-_ROOM = """\
-      <segment_size>{segment}</segment_size>
-      <maxMessageSize>{message}</maxMessageSize>
-"""
-_ONLY_THIS_HOST = """\
+_LOOPBACK = """\
       <interfaceWhiteList>
         <address>127.0.0.1</address>
       </interfaceWhiteList>
 """
-_USE = """\
-      <userTransports>
-        <transport_id>frames</transport_id>
-        <transport_id>network</transport_id>
-      </userTransports>
-      <useBuiltinTransports>false</useBuiltinTransports>
+# An unspecified unicast locator keeps Fast DDS from listening to its multicast address.
+_UNICAST = """\
+        <metatrafficUnicastLocatorList>
+          <locator/>
+        </metatrafficUnicastLocatorList>
+        <initialPeersList>
+{peers}        </initialPeersList>
+"""
+_PEER = """\
+          <locator><udpv4><address>{address}</address></udpv4></locator>
 """
 
 
 def middleware_environment(
-    environment: Mapping[str, str], folder: Path, frame_bytes: int,
+    environment: Mapping[str, str], folder: Path, implementation: str,
 ) -> dict[str, str]:
     """
-    Return what the processes of a run need in their environment beside what is there.
+    Write the Fast DDS profile of a run; return the variables that its processes need.
 
-    A profile of Fast DDS, unless the environment names one.  By default processes that start
-    together may miss one another, a process that starts later learns of those that are there, and
-    a lost message or word of its arrival is made up for, after three seconds; here after a tenth
-    or a quarter of one.  A frame that does not fit into the default segment of shared memory goes
-    through UDP in pieces, which takes ten times as long; for such frames there is a segment that
-    holds them.  By default the place of a message in a queue keeps the room of the largest that
-    ever was there; here a message that is gone leaves none.  Where discovery is limited to this
-    host, so are the sockets: by default they are open to everybody who knows its address.
+    Nothing changes for another middleware, nor for a user who names a profile of their own.
+    Compared with Fast DDS under ROS by default, the profile changes four things:
+
+    - All messages go by UDP, none through shared memory.  A process that is killed while it
+      writes to shared memory leaves mutexes locked there, and other processes then wait for
+      them and lose contact.  Sockets have no such state: the kernel closes them.
+    - Where discovery is limited to this host, so are the sockets.  By default every host that
+      knows the address can send to them.
+    - Nodes announce themselves more often, and writers repeat a heartbeat after 0.1 s, not 3 s:
+      a node that starts finds the others, and a lost message is sent again, that much sooner.
+    - A queue frees the memory of a message that has left it.  By default every place of a queue
+      keeps the memory of the largest message that it ever held.
+
+    The receive buffer holds a frame of 1024 x 1024 cells where the system allows that; the
+    kernel reduces it to ``net.core.rmem_max`` elsewhere, and lost fragments are sent again.
 
     Parameters
     ----------
     environment
-        Environment of the starter.
+        Environment of the process that starts the run.
     folder
-        Where the profile is written.
-    frame_bytes
-        Size of a frame; 0 where it is not known.
+        Folder for the profile.
+    implementation
+        Name of the middleware, as ``rclpy.get_rmw_implementation_identifier`` returns it.
+
+    Raises
+    ------
+    ValueError
+        If ``ROS_STATIC_PEERS`` names a host that has no address; names that host.
 
     """
-    if any(name in environment for name in _VARIABLES):
+    if any(name in environment for name in _VARIABLES) or 'fastrtps' not in implementation:
         return {}
-    transports = use = room = ''
-    if frame_bytes > _SMALL_BYTES:
-        message = frame_bytes + _MARGIN_BYTES
-        segment = min(_FRAMES_IN_SEGMENT * message, max(_LARGEST_SEGMENT, 2 * message))
-        room = _ROOM.format(segment=segment, message=message)
-    only = _ONLY_THIS_HOST if _stays_on_host(environment) else ''
-    if room or only:
-        transports, use = _TRANSPORTS.format(room=room, only=only), _USE
+    interfaces = locators = ''
+    added = dict(_FROM_PROFILE)
+    # The older variable takes precedence, and ignores the peers.
+    only_here = environment.get(_ONLY_HERE) == '1'
+    if only_here or environment.get(_RANGE) == 'LOCALHOST':
+        static = [] if only_here else [
+            name for name in environment.get(_PEERS, '').split(';') if name]
+        peers = [_PEER.format(address=_address_of(name)) for name in ['127.0.0.1', *static]]
+        locators = _UNICAST.format(peers=''.join(peers))
+        interfaces = '' if static else _LOOPBACK
+        added |= _AS_IN_PROFILE
     path = (folder / PROFILE_FILE).resolve()
-    path.write_text(_PROFILE.format(transports=transports, use=use), encoding='utf-8')
-    return dict.fromkeys(_VARIABLES, str(path)) | _FROM_PROFILE
+    path.write_text(_PROFILE.format(interfaces=interfaces, locators=locators), encoding='utf-8')
+    return dict.fromkeys(_VARIABLES, str(path)) | added
 
 
-def _stays_on_host(environment: Mapping[str, str]) -> bool:
-    """Whether nobody on another host is looked for, nor let in."""
-    if environment.get('ROS_LOCALHOST_ONLY') == '1':  # the older variable, which wins
-        return True
-    return environment.get(_RANGE, '') not in _WIDE and not environment.get('ROS_STATIC_PEERS')
+def _address_of(name: str) -> str:
+    """Return the IPv4 address of a host; ValueError where it has none."""
+    try:
+        return socket.gethostbyname(name)
+    except OSError as error:
+        raise ValueError(f'{_PEERS}: {name} has no address: {error.strerror}') from None

@@ -122,9 +122,9 @@ def warm_up(detector: Detector) -> None:
             state, _ = detector.step(state, np.zeros(_WARM_UP_SHAPE, dtype=kind), rng)
 
 
-def refuse_without_effect(names: Iterable[str], settings: Settings) -> None:
+def check_effect(names: Iterable[str], settings: Settings) -> None:
     """
-    Reject changes of settings that would have no effect, or more than their own.
+    Check that a change of settings has an effect, and none beyond its own.
 
     Parameters
     ----------

@@ -126,7 +126,7 @@ class PosteriorDetector:
 
     @property
     def frames_per_declaration(self) -> int:
-        """Number of frames whose noise successive declarations of one object share."""
+        """Return the number of frames over which errors of declarations are correlated."""
         return CORRELATED_FRAMES
 
     def nominal(self) -> Self:

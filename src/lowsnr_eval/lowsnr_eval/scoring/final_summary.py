@@ -81,24 +81,10 @@ def write_summary(folder: Path, summary: Mapping[str, Any]) -> None:
 
 def summarize_run(folder: Path, evaluator: Mapping[str, Any], account: files.Account) -> None:
     """
-    Write the summary of a run into its results folder.
+    Write the summary of a run, of which the parameters of the evaluator are given.
 
-    It writes nothing where the evaluator did not begin its table.
-
-    Parameters
-    ----------
-    folder
-        Results folder.
-    evaluator
-        Parameters of the evaluator.
-    account
-        What only the process that started the nodes knows.
-
-    Raises
-    ------
-    OSError, ValueError
-        As :func:`summarize`; also if the summary cannot be written.
-
+    It writes nothing where the evaluator did not begin its table, and raises what
+    :func:`summarize` and :func:`write_summary` raise.
     """
     table = folder / files.FRAMES_FILE
     if table.is_file() and table.stat().st_size:
@@ -111,15 +97,9 @@ def summarize_folder(folder: Path) -> None:
     """
     Write the summary of a run whose starter was killed, or that still runs.
 
-    The frames that its source published are taken from an earlier summary, if there is one;
-    frames that the evaluator has not seen are not known otherwise.
-
-    Raises
-    ------
-    OSError, ValueError
-        As :func:`summarize_run`; also if the folder does not hold the parameters of a run, or
-        nothing was scored.
-
+    An earlier summary tells how many frames the source published; without it, frames that the
+    evaluator has not seen are unknown.  A folder without the parameters of a run, or without a
+    scored frame, raises ValueError too.
     """
     parameters = folder / files.PARAMETERS_FILE
     try:

@@ -118,15 +118,7 @@ def read_frames(path: Path, detectors: Sequence[str]) -> Iterator[list[FrameScor
 
 
 def read_latency(path: Path, detectors: Sequence[str]) -> Iterator[rows.Latency]:
-    """
-    Yield the wall times of ``latency.csv``.
-
-    Raises
-    ------
-    ValueError
-        One line, if the file is not a table of these chains.
-
-    """
+    """Yield the wall times of ``latency.csv``; ValueError if it is not one of these chains."""
     for line in _lines(path, rows.LATENCY_COLUMNS):
         found = _parsed(path, line, rows.latency)
         if found.detector not in detectors:
