@@ -13,16 +13,7 @@ from lowsnr_eval.scoring.run_scoring import RunScorer
 
 def score_bag(bag: Bag, chains: RecordedChains, scorer: RunScorer) -> None:
     """
-    Score all that a bag holds.
-
-    Parameters
-    ----------
-    bag
-        The bag, open.
-    chains
-        What of it is scored.
-    scorer
-        The scorer of these chains.
+    Score what an open bag holds of these chains with their scorer.
 
     Raises
     ------
