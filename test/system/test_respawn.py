@@ -10,7 +10,6 @@ import time
 
 from graph_runs import own_domain
 from graph_runs import start_bringup
-from intruder import INJECTED
 import numpy as np
 import pytest
 from run_checks import check_end

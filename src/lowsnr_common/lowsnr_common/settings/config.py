@@ -21,20 +21,34 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from collections.abc import Mapping
+from dataclasses import dataclass
 from dataclasses import field
 from dataclasses import fields
 from dataclasses import is_dataclass
 from dataclasses import replace
-import difflib
+from types import MappingProxyType
 from typing import Any
 from typing import get_type_hints
 from typing import TypeVar
 
 from lowsnr_common.settings.declaration import Setting
+from lowsnr_common.settings.text import did_you_mean
 
 T = TypeVar('T')
 _KEY = 'setting'
 _FIXED = 'fixed'
+
+
+@dataclass(frozen=True)
+class _Declared:
+    """What a settings class declares: its own settings, its groups, and all by full name."""
+
+    own: tuple[Setting, ...]
+    groups: Mapping[str, type]
+    settings: Mapping[str, Setting]
+
+
+_DECLARED: dict[type, _Declared] = {}  # resolving the annotations of a class is slow
 
 
 def setting(
@@ -54,15 +68,15 @@ def setting(
     Parameters
     ----------
     default
-        Value used where nothing else is given.
+        Value if no other is given.
     doc
         Meaning and unit, one sentence; shown by ``ros2 param describe``.
     ge, gt, le, lt
         Bounds; for a tuple they hold for every element.
     choices
-        The values allowed, where they are few.
+        The allowed values, if there are few.
     live
-        Whether it can change while a node runs, one that reckons with it.
+        Whether it can change while a node runs that supports that.
 
     """
     allowed = None if choices is None else tuple(choices)
@@ -72,7 +86,7 @@ def setting(
 
 
 def fixed(cls: type[T]) -> T:
-    """Declare a group of settings none of which can change while a node runs."""
+    """Declare a group of settings, none of which can change while a node runs."""
     made: T = field(default_factory=cls, metadata={_FIXED: True})
     return made
 
@@ -84,10 +98,10 @@ def check_settings(instance: Any) -> None:
     Raises
     ------
     ValueError
-        ``Class.field = value, must be ...`` for the first one that does not hold.
+        ``Class.field = value, must be ...`` for the first bad value.
 
     """
-    for item in _own_settings(type(instance)):
+    for item in _declared(type(instance)).own:
         try:
             value = item.check(getattr(instance, item.name))
         except ValueError as error:
@@ -95,15 +109,9 @@ def check_settings(instance: Any) -> None:
         object.__setattr__(instance, item.name, value)
 
 
-def declared_settings(cls: type) -> dict[str, Setting]:
+def declared_settings(cls: type) -> Mapping[str, Setting]:
     """Return all settings of a class and of its groups by their full name."""
-    found = {item.name: item for item in _own_settings(cls)}
-    is_fixed = {item.name for item in fields(cls) if _FIXED in item.metadata}
-    for name, group in _groups(cls).items():
-        for key, item in declared_settings(group).items():
-            full, live = f'{name}.{key}', item.live and name not in is_fixed
-            found[full] = replace(item, name=full, live=live)
-    return found
+    return _declared(cls).settings
 
 
 def check_values(cls: type, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -120,14 +128,14 @@ def check_values(cls: type, values: Mapping[str, Any]) -> dict[str, Any]:
     checked = {}
     for name, value in values.items():
         if name not in declared:
-            raise ValueError(f'{name} is not a setting{_suggestion(name, declared)}')
+            raise ValueError(f'{name} is not a setting{did_you_mean(name, declared)}')
         checked[name] = declared[name].check(value)
     return checked
 
 
 def build_settings(cls: type[T], values: Mapping[str, Any]) -> T:
     """
-    Make an instance from flat values; what is not given keeps its default.
+    Build an instance from flat values; a missing one has its default.
 
     Raises
     ------
@@ -140,12 +148,12 @@ def build_settings(cls: type[T], values: Mapping[str, Any]) -> T:
 
 def changed(instance: T, values: Mapping[str, Any]) -> T:
     """
-    Return an instance with those of some flat values that it declares; the rest stays.
+    Return a copy of an instance with new flat values; names of other classes are ignored.
 
     Raises
     ------
     ValueError
-        For a bad value, by name, or values that do not go together.
+        For a bad value, by name, or values that contradict each other.
 
     """
     flat = flat_values(instance)
@@ -165,7 +173,7 @@ def flat_values(instance: Any) -> dict[str, Any]:
 
 
 def flatten(tree: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
-    """Turn nested mappings, as YAML has them, into flat ``group.value`` names."""
+    """Return nested mappings, as YAML has them, as flat ``group.value`` names."""
     flat: dict[str, Any] = {}
     for key, value in tree.items():
         name = f'{prefix}{key}'
@@ -177,29 +185,32 @@ def flatten(tree: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
 
 
 def _build(cls: type[T], values: Mapping[str, Any]) -> T:
-    own = {item.name for item in _own_settings(cls)}
+    own = {item.name for item in _declared(cls).own}
     arguments: dict[str, Any] = {key: value for key, value in values.items() if key in own}
-    for name, group in _groups(cls).items():
+    for name, group in _declared(cls).groups.items():
         start = f'{name}.'
         inner = {key[len(start):]: val for key, val in values.items() if key.startswith(start)}
         arguments[name] = _build(group, inner)
     return cls(**arguments)
 
 
-def _own_settings(cls: type) -> list[Setting]:
+def _declared(cls: type) -> _Declared:
+    if cls not in _DECLARED:
+        _DECLARED[cls] = _resolve(cls)
+    return _DECLARED[cls]
+
+
+def _resolve(cls: type) -> _Declared:
     kinds = get_type_hints(cls)
-    return [
+    own = tuple(
         Setting(item.name, kinds[item.name], item.default, **item.metadata[_KEY])
-        for item in fields(cls)
-        if _KEY in item.metadata
-    ]
-
-
-def _groups(cls: type) -> dict[str, type]:
-    kinds = get_type_hints(cls)
-    return {item.name: kinds[item.name] for item in fields(cls) if is_dataclass(kinds[item.name])}
-
-
-def _suggestion(name: str, declared: Iterable[str]) -> str:
-    near = difflib.get_close_matches(name, list(declared), n=1)
-    return f'; did you mean {near[0]}?' if near else ''
+        for item in fields(cls) if _KEY in item.metadata)
+    groups = {
+        item.name: kinds[item.name] for item in fields(cls) if is_dataclass(kinds[item.name])}
+    is_fixed = {item.name for item in fields(cls) if _FIXED in item.metadata}
+    found = {item.name: item for item in own}
+    for name, group in groups.items():
+        for key, item in _declared(group).settings.items():
+            full, live = f'{name}.{key}', item.live and name not in is_fixed
+            found[full] = replace(item, name=full, live=live)
+    return _Declared(own, groups, MappingProxyType(found))

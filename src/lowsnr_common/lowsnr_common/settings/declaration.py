@@ -1,4 +1,4 @@
-"""One declared setting: what it accepts, in code and in words."""
+"""One declared setting: the values that it accepts, and their description."""
 
 from __future__ import annotations
 
@@ -12,7 +12,12 @@ from typing import get_origin
 
 @dataclass(frozen=True)
 class Setting:
-    """One declared setting: name, type, default, documentation, bounds, whether it is live."""
+    """
+    One declared setting.
+
+    ``kind`` is its type, ``doc`` its meaning and unit; ``ge``, ``gt``, ``le`` and ``lt`` are the
+    bounds (of every element of a tuple); a ``live`` setting can change while a node runs.
+    """
 
     name: str
     kind: Any
@@ -26,7 +31,7 @@ class Setting:
     live: bool
 
     def allowed(self) -> str:
-        """Say in words what the setting accepts."""
+        """Return a description of the values that the setting accepts."""
         if self.choices is not None:
             return 'one of ' + ', '.join(map(repr, self.choices))
         noun = _kind_name(self.kind)
@@ -43,7 +48,7 @@ class Setting:
         Raises
         ------
         ValueError
-            If the value is of another type or out of bounds; says what is allowed.
+            If the value is of another type or out of bounds; names the allowed ones.
 
         """
         converted = _convert(value, self.kind)
@@ -63,7 +68,7 @@ class Setting:
 
 
 def _convert(value: Any, kind: Any) -> Any:
-    """Return the value as ``kind``, or None where it is of another type."""
+    """Return the value as ``kind``, or None if it is of another type."""
     if get_origin(kind) is tuple:
         if isinstance(value, str) or not isinstance(value, Iterable):
             return None
