@@ -79,7 +79,7 @@ def test_results_folder_that_is_removed_comes_back(bringup, restart):
     run.wait_for_rows(100)
     remove_results(run)
     until = time.monotonic() + 30.0
-    while not (run.results / 'summary.json').exists():
+    while not (run.results / 'frames.csv').exists():
         assert time.monotonic() < until
         time.sleep(0.05)
     if restart:
