@@ -117,7 +117,8 @@ def _recorded(
         settings = graph.build(ConditioningSettings, given('conditioner'), 'conditioner')
         rows, cols = settings.size((found.rows, found.cols))
         every |= {'rows': rows, 'cols': cols, 'sensor.noise_std': 1.0}
-    facts = {graph.EVERY_NODE: every, 'recorder': {**size, 'topics': recordable}}
+    facts: dict[str, Values] = {
+        graph.EVERY_NODE: every, 'recorder': {**size, 'topics': recordable}}
     if options.replay is not None:
         facts['player'] = {
             **size, 'bag': str(options.replay.resolve()), 'simulated': found.simulated,
@@ -125,7 +126,9 @@ def _recorded(
             'truth_topic': options.truth_topic if found.truth else ''}
     if not found.simulated:
         for name in (*graph.KINDS, *map(graph.node_of, options.detectors)):
-            facts[name] = facts.get(name, {}) | _motion(name, given(name), found.period_s)
+            for cls in graph.settings_classes(name):
+                facts.setdefault(name, {}).update(
+                    at_frame_period(cls, given(name), found.period_s))
     return Source(
         name=found.name, node=node, camera=options.camera_topic, frames=found.frames,
         conditioned=conditioned, notes=found.notes, facts=facts)
@@ -142,12 +145,6 @@ def _is_conditioned(found: RecordedRun, options: RunOptions) -> bool:
             f'{options.replay or options.camera}: its frames are {found.encoding}, and detectors '
             f'take {_DETECTABLE}: leave out --condition off')
     return conditioned
-
-
-def _motion(name: str, values: Mapping[str, Any], period_s: float) -> Values:
-    return {
-        key: value for cls in graph.settings_classes(name)
-        for key, value in at_frame_period(cls, values, period_s).items()}
 
 
 def at_frame_period(cls: type, values: Mapping[str, Any], period_s: float) -> Values:
