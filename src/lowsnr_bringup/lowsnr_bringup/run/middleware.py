@@ -48,7 +48,7 @@ _PROFILE = """\
   <data_writer profile_name="lowsnr" is_default_profile="true">
     <qos><data_sharing><kind>OFF</kind></data_sharing></qos>
     <times>
-      <heartbeatPeriod><sec>0</sec><nanosec>100000000</nanosec></heartbeatPeriod>
+      <heartbeatPeriod><sec>0</sec><nanosec>20000000</nanosec></heartbeatPeriod>
     </times>
     <historyMemoryPolicy>DYNAMIC</historyMemoryPolicy>
   </data_writer>
@@ -90,7 +90,7 @@ def middleware_environment(
       them and lose contact.  Sockets have no such state: the kernel closes them.
     - Where discovery is limited to this host, so are the sockets.  By default every host that
       knows the address can send to them.
-    - Nodes announce themselves more often, and writers repeat a heartbeat after 0.1 s, not 3 s:
+    - Nodes announce themselves more often, and writers repeat a heartbeat after 20 ms, not 3 s:
       a node that starts finds the others, and a lost message is sent again, that much sooner.
     - A queue frees the memory of a message that has left it.  By default every place of a queue
       keeps the memory of the largest message that it ever held.
