@@ -64,10 +64,9 @@ def thresholds_by_name(study: Study, thresholds: Thresholds) -> dict[str, dict[s
 
 def _calibrate(item: Calibrated) -> float:
     detector, prob, shape, runs = item
-    # A default that is left out gives the key that the node graph finds in the cache.
-    if runs is None:
-        return calibrated(detector, prob, shape).threshold
-    return calibrated(detector, prob, shape, runs=runs).threshold
+    # Without the default in it, the key in the cache is that of the node graph.
+    options = {} if runs is None else {'runs': runs}
+    return calibrated(detector, prob, shape, **options).threshold
 
 
 def _calibration_cost(item: Calibrated) -> tuple[bool, int, str]:
