@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from collections.abc import Mapping
+from typing import Any
 
 from lowsnr_detect.calibration.operating_point import calibrated
 from lowsnr_eval.study.experiment import Block
@@ -65,7 +66,7 @@ def thresholds_by_name(study: Study, thresholds: Thresholds) -> dict[str, dict[s
 def _calibrate(item: Calibrated) -> float:
     detector, prob, shape, runs = item
     # Without the default in it, the key in the cache is that of the node graph.
-    options = {} if runs is None else {'runs': runs}
+    options: dict[str, Any] = {} if runs is None else {'runs': runs}
     return calibrated(detector, prob, shape, **options).threshold
 
 
