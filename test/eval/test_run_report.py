@@ -90,7 +90,7 @@ def test_frame_and_its_marks_arrive_in_any_order(tmp_path):
         scene.add_frame(20, np.full(SHAPE, 2.0))
         scene.add_answers(2, 20, [], {})
         scene.add_answers(3, 30, [], {})  # its frame does not come
-        scene.add_frame(35, np.full(SHAPE, 3.5))  # nothing is said of this one
+        scene.add_frame(35, np.full(SHAPE, 3.5))  # it has no marks
         scene.add_frame(40, np.full(SHAPE, 4.0))
         scene.add_answers(4, 40, [], {})
         scene.add_answers(5, 50, [], {})  # nor does this one's, to the end

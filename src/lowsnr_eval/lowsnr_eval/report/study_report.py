@@ -137,7 +137,8 @@ def _report(
         pages.section('Figures of merit', _points_table(summary), _POINTS_NOTE),
         pages.section('Figures', *pictures),
         pages.section(
-            'Time', _times_table(times),
+            'Time', pages.table(('chain', 'detector [ms a frame]', 'tracker [ms a frame]'), [
+                (name, time['detector_ms'], time['tracker_ms']) for name, time in times.items()]),
             'CPU time of one core; it is the only thing here that differs from run to run of '
             'the same seed.'),
         pages.section('How to run again', pages.preformatted(command), pages.versions(),
@@ -150,11 +151,6 @@ def _points_table(summary: Mapping[str, Any]) -> Markup:
             for row in summary['points']]
     return pages.table(
         list(_COLUMNS.values()), [[row[key] for key in _COLUMNS] for row in rows])
-
-
-def _times_table(times: Mapping[str, Any]) -> Markup:
-    return pages.table(('chain', 'detector [ms a frame]', 'tracker [ms a frame]'), [
-        (name, time['detector_ms'], time['tracker_ms']) for name, time in times.items()])
 
 
 def _settings(results: StudyResults) -> list[Markup]:

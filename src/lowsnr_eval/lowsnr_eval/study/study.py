@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from dataclasses import replace
 
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.settings.node_settings import Evaluation
@@ -16,7 +17,6 @@ from lowsnr_detect.parts.detector import Detector
 from lowsnr_eval.study.examples import Example
 from lowsnr_eval.study.experiment import Block
 from lowsnr_eval.study.offline_chain import Chain
-from lowsnr_eval.study.offline_chain import with_threshold
 from lowsnr_sensor.scenario import Scenario
 from lowsnr_track.pda_mmpf import PdaMmpf
 
@@ -105,12 +105,12 @@ class Case:
         chains = []
         for method in self.methods:
             threshold = thresholds[self.calibration(method)]
-            detectors = method.detector.nominal(), with_threshold(method.detector, threshold)
+            detectors = method.detector.nominal(), replace(method.detector, threshold=threshold)
             tracker = None if self.kind == SWEEP else method.tracker
             chains += [Chain(method.label, point, detector, tracker, method.runs)
                        for point, detector in zip(POINTS, detectors)]
             chains += [
-                Chain(method.label, point, with_threshold(method.detector, threshold + offset),
+                Chain(method.label, point, replace(method.detector, threshold=threshold + offset),
                       None, min(method.runs, self.few_runs))
                 for point, offset in _ROC_OFFSETS.items() if self.kind != SWEEP]
         return tuple(chains)
