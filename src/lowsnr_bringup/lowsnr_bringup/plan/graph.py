@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import Any
 from typing import TypeVar
 
-from lowsnr_common.settings.config import build_settings
-from lowsnr_common.settings.config import declared_settings
+from lowsnr_common.settings.declare import declared_settings
+from lowsnr_common.settings.flat_values import build_settings
 from lowsnr_common.settings.node_settings import DetectionSettings
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.node_settings import NodeSettings

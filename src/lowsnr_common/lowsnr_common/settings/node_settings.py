@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from dataclasses import field
 
 from lowsnr_common.core.measurement import SensorModel
-from lowsnr_common.settings.config import check_settings
-from lowsnr_common.settings.config import setting
+from lowsnr_common.settings.declare import check_settings
+from lowsnr_common.settings.declare import setting
 
 
 @dataclass(frozen=True, kw_only=True)

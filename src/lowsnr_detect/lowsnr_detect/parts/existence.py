@@ -18,8 +18,8 @@ from typing import Self
 
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.core.motion import MotionModes
-from lowsnr_common.settings.config import check_settings
-from lowsnr_common.settings.config import setting
+from lowsnr_common.settings.declare import check_settings
+from lowsnr_common.settings.declare import setting
 from lowsnr_detect.parts.detector import CORRELATED_FRAMES
 from lowsnr_detect.parts.detector import Declarations
 import numpy as np
