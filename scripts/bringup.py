@@ -127,8 +127,6 @@ def run(plan: 'RunPlan', folder: Path) -> int:
 
 def present(plan: 'RunPlan', folder: Path, account: 'Account', trouble: str) -> None:
     """Sum up the scores, print them, and write the report."""
-    from lowsnr_bringup.bags.recording import bags_of_run
-    from lowsnr_bringup.bags.recording import summarize_recording
     from lowsnr_common.settings.text import one_line
     from lowsnr_eval.report.table import format_table
     from lowsnr_eval.scoring.final_summary import summarize_run
@@ -144,6 +142,8 @@ def present(plan: 'RunPlan', folder: Path, account: 'Account', trouble: str) -> 
         say(trouble)
     print(f'results in {folder}')
     if '/recorder' in plan.parameters:
+        from lowsnr_bringup.bags.recording import bags_of_run
+        from lowsnr_bringup.bags.recording import summarize_recording
         for bag in bags_of_run(Path(plan.parameters['/recorder']['bag'])):
             print(summarize_recording(bag))
     if summary.is_file():

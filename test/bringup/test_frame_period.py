@@ -6,8 +6,8 @@ from lowsnr_bringup.plan import graph
 from lowsnr_bringup.plan.sources import at_frame_period
 from lowsnr_bringup.plan.sources import TIME_POWERS
 from lowsnr_common.core.records import Estimate
-from lowsnr_common.settings.config import build_settings
-from lowsnr_common.settings.config import declared_settings
+from lowsnr_common.settings.declare import declared_settings
+from lowsnr_common.settings.flat_values import build_settings
 from lowsnr_track.pda_mmpf import PdaMmpf
 import numpy as np
 import pytest

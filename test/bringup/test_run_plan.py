@@ -7,7 +7,7 @@ from lowsnr_bringup.plan.config_files import load_config
 from lowsnr_bringup.plan.graph import to_yaml
 from lowsnr_bringup.plan.run_options import RunOptions
 from lowsnr_bringup.plan.run_plan import plan_run
-from lowsnr_common.settings.config import flat_values
+from lowsnr_common.settings.flat_values import flat_values
 from lowsnr_detect.parts.registry import detector_class
 from lowsnr_detect.parts.registry import DETECTORS
 from lowsnr_track.pda_mmpf import PdaMmpf

@@ -17,7 +17,7 @@ from lowsnr_bringup.plan.config_files import load_config
 from lowsnr_bringup.plan.config_files import parse_override
 from lowsnr_bringup.plan.graph import known_nodes
 from lowsnr_bringup.plan.graph import settings_classes
-from lowsnr_common.settings.config import declared_settings
+from lowsnr_common.settings.declare import declared_settings
 from lowsnr_sensor.scenario import load_scenario
 import pytest
 import yaml

@@ -2,7 +2,7 @@
 
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.ros import messages
-from lowsnr_common.settings.config import declared_settings
+from lowsnr_common.settings.declare import declared_settings
 import numpy as np
 from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.srv import DescribeParameters

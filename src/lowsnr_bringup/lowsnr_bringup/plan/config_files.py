@@ -15,8 +15,8 @@ from lowsnr_bringup.plan.graph import Layer
 from lowsnr_bringup.plan.graph import node_of
 from lowsnr_bringup.plan.graph import settings_classes
 from lowsnr_bringup.plan.graph import Values
-from lowsnr_common.settings.config import declared_settings
-from lowsnr_common.settings.config import flatten
+from lowsnr_common.settings.declare import declared_settings
+from lowsnr_common.settings.flat_values import flatten
 from lowsnr_common.settings.text import did_you_mean
 from lowsnr_common.settings.text import load_yaml
 from lowsnr_common.settings.text import one_line

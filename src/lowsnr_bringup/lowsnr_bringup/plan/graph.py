@@ -14,13 +14,13 @@ from dataclasses import dataclass
 from typing import Any
 from typing import TypeVar
 
-from lowsnr_bringup.bags.recording import RecorderSettings
-from lowsnr_bringup.bags.replay import PlayerSettings
-from lowsnr_common.settings.config import build_settings
-from lowsnr_common.settings.config import declared_settings
+from lowsnr_common.settings.declare import declared_settings
+from lowsnr_common.settings.flat_values import build_settings
 from lowsnr_common.settings.node_settings import DetectionSettings
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.node_settings import NodeSettings
+from lowsnr_common.settings.node_settings import PlayerSettings
+from lowsnr_common.settings.node_settings import RecorderSettings
 from lowsnr_common.settings.node_settings import RunSettings
 from lowsnr_common.settings.node_settings import SimulationSettings
 from lowsnr_common.settings.node_settings import TruthSettings

@@ -14,7 +14,7 @@ from lowsnr_bringup.plan import graph
 from lowsnr_bringup.plan.graph import Layer
 from lowsnr_bringup.plan.graph import Values
 from lowsnr_bringup.plan.run_options import RunOptions
-from lowsnr_common.settings.config import declared_settings
+from lowsnr_common.settings.declare import declared_settings
 from lowsnr_common.settings.text import did_you_mean
 from lowsnr_sensor.conditioning.conditioner import ConditioningSettings
 from lowsnr_sensor.scenario import load_scenario

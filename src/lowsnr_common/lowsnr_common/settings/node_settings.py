@@ -1,7 +1,7 @@
 """
 The settings of nodes, apart from those of their algorithms.
 
-From the frames to the scores: sensor, conditioner, detector, viewer, evaluator.
+In the order of the data: sensor, player, conditioner, detector, viewer, evaluator, recorder.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from dataclasses import field
 
 from lowsnr_common.core.measurement import SensorModel
-from lowsnr_common.settings.config import check_settings
-from lowsnr_common.settings.config import setting
+from lowsnr_common.settings.declare import check_settings
+from lowsnr_common.settings.declare import setting
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,6 +58,35 @@ class SimulationSettings:
     loop: bool = setting(False, 'whether the scenario is repeated, with new noise, until stopped')
     patience_s: float = setting(
         15.0, 'longest wait, in lockstep, for a frame to be scored [s]', gt=0.0)
+    resume_after_ns: int = setting(
+        -1, 'stamp after which a restarted node continues with the frames [ns]; -1 for the first '
+        'start', ge=-1)
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlayerSettings:
+    """Settings of the player: which topics of which bag it publishes, and how fast."""
+
+    bag: str = setting('', 'path of the bag')
+    frames_topic: str = setting('/image_raw', 'topic of the frames in the bag')
+    truth_topic: str = setting(
+        '/ground_truth', 'topic of the truth in the bag, its odometry below it; empty for none')
+    simulated: bool = setting(
+        False, 'whether the frames are simulated; a recording of the replay carries it on')
+    frames: int = setting(0, 'frames to publish, 0 for all', ge=0)
+    cell_size_m: float = setting(1.0, 'side of a cell [m]', gt=0.0)
+    rows: int = setting(0, 'rows of a frame, 0 if not known', ge=0, le=16384)
+    cols: int = setting(0, 'columns of a frame, 0 if not known', ge=0, le=16384)
+    rate_hz: float = setting(
+        0.0, 'frames a second of wall time, 0 for the rate at which they were recorded', ge=0.0,
+        le=100_000.0)
+    lockstep: bool = setting(
+        False, 'whether a frame is published once the one before is scored, not at rate_hz')
+    patience_s: float = setting(
+        15.0, 'longest wait, in lockstep, for the score of a frame [s]', gt=0.0)
     resume_after_ns: int = setting(
         -1, 'stamp after which a restarted node continues with the frames [ns]; -1 for the first '
         'start', ge=-1)
@@ -156,3 +185,19 @@ class Evaluation:
     def gospa_cutoff_m(self) -> float:
         """Cutoff of GOSPA [m]."""
         return self.gospa_cutoff_cells * self.sensor.cell_size_m
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecorderSettings:
+    """Settings of the recorder: where it writes, and which topics it waits for."""
+
+    bag: str = setting('bag', 'folder of the bag, which must not exist')
+    storage: str = setting('mcap', 'storage format of the bag', choices=('mcap', 'sqlite3'))
+    run_parameters: str = setting('', 'parameter file of the run, which is copied into the bag')
+    topics: tuple[str, ...] = setting(
+        (), 'topics that must be received before the recorder becomes active')
+    rows: int = setting(0, 'rows of a frame, 0 if not known', ge=0, le=16384)
+    cols: int = setting(0, 'columns of a frame, 0 if not known', ge=0, le=16384)
+
+    def __post_init__(self) -> None:
+        check_settings(self)

@@ -15,7 +15,7 @@ from lowsnr_common.ros.parameters import declare
 from lowsnr_common.ros.qos import any_reliability
 from lowsnr_common.ros.qos import frame_depth
 from lowsnr_common.ros.qos import reliable
-from lowsnr_common.settings.config import changed
+from lowsnr_common.settings.flat_values import changed
 from lowsnr_common.settings.node_settings import DetectionSettings
 from lowsnr_detect.node.live_detector import check_effect
 from lowsnr_detect.node.live_detector import LiveDetector

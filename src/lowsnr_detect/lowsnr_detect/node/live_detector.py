@@ -6,7 +6,7 @@ from collections.abc import Callable
 from collections.abc import Iterable
 from dataclasses import replace
 
-from lowsnr_common.settings.config import flat_values
+from lowsnr_common.settings.flat_values import flat_values
 from lowsnr_common.settings.node_settings import DetectionSettings
 from lowsnr_detect.calibration.curve import Curve
 from lowsnr_detect.calibration.operating_point import at_operating_point

@@ -12,8 +12,8 @@ from typing import ClassVar
 from typing import Self
 
 from lowsnr_common.core.measurement import SensorModel
-from lowsnr_common.settings.config import check_settings
-from lowsnr_common.settings.config import setting
+from lowsnr_common.settings.declare import check_settings
+from lowsnr_common.settings.declare import setting
 from lowsnr_detect.parts.detector import Declarations
 from lowsnr_detect.parts.thinning import declare_cells
 from lowsnr_detect.parts.wald_bounds import wald_bounds

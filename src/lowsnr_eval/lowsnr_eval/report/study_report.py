@@ -9,7 +9,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from lowsnr_common.settings.config import flat_values
+from lowsnr_common.settings.flat_values import flat_values
 from lowsnr_eval.report import html_page as pages
 from lowsnr_eval.report.html_page import Markup
 from lowsnr_eval.report.study_figures import draw_all

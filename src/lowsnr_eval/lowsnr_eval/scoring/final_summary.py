@@ -11,7 +11,7 @@ from typing import Any
 
 from lowsnr_bringup.plan.graph import build
 from lowsnr_bringup.run import results_folder as files
-from lowsnr_common.settings.config import flat_values
+from lowsnr_common.settings.flat_values import flat_values
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.node_settings import RunSettings
 from lowsnr_common.settings.text import read_yaml

@@ -16,7 +16,7 @@ from typing import TypeVar
 from lowsnr_bringup.plan import graph
 from lowsnr_bringup.plan.run_options import RunOptions
 from lowsnr_bringup.plan.run_plan import plan_run
-from lowsnr_common.settings.config import declared_settings
+from lowsnr_common.settings.declare import declared_settings
 from lowsnr_common.settings.node_settings import DetectionSettings
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.node_settings import SimulationSettings

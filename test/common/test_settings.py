@@ -3,15 +3,15 @@
 from dataclasses import dataclass
 from dataclasses import field
 
-from lowsnr_common.settings.config import build_settings
-from lowsnr_common.settings.config import changed
-from lowsnr_common.settings.config import check_settings
-from lowsnr_common.settings.config import check_values
-from lowsnr_common.settings.config import declared_settings
-from lowsnr_common.settings.config import fixed
-from lowsnr_common.settings.config import flat_values
-from lowsnr_common.settings.config import flatten
-from lowsnr_common.settings.config import setting
+from lowsnr_common.settings.declare import check_settings
+from lowsnr_common.settings.declare import declared_settings
+from lowsnr_common.settings.declare import fixed
+from lowsnr_common.settings.declare import setting
+from lowsnr_common.settings.flat_values import build_settings
+from lowsnr_common.settings.flat_values import changed
+from lowsnr_common.settings.flat_values import check_values
+from lowsnr_common.settings.flat_values import flat_values
+from lowsnr_common.settings.flat_values import flatten
 import pytest
 
 
