@@ -72,7 +72,7 @@ def test_process_ends_with_the_usage_code_and_the_same_line(refusal, tmp_path, a
     (SCENARIO + '[{until_frame: 9, speed: 1.0}]}]', ['speed ', ' speed_mps?']),
     (SCENARIO + '[{until_frame: nine}]}]', ["until_frame = 'nine'"]),
     ('frames: [', ['YAML']),
-    ('- 1', ['mapping']),
+    ('- 1', ['map']),
 ])
 def test_bad_scenario_file_is_named_with_its_fault(refusal, tmp_path, text, words):
     path = tmp_path / 'bad.yaml'
