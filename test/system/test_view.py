@@ -154,9 +154,12 @@ def test_markers_name_every_namespace_that_rviz_shows(watch):
 
 
 def test_every_chain_has_its_viewer(watch):
+    # All that the viewers publish: with observers they wait for a reader of each.
+    topics = tuple((f'{name}/{topic}', kind) for name in ('cdt', 'sdt')
+                   for topic, kind in (('overlay', Image), ('markers', MarkerArray)))
     seen, _ = watch(
-        (('cdt/overlay', Image), ('sdt/overlay', Image)), '--detector', 'cdt', 'sdt', '--rate',
-        '10', '--view', '--set', 'viewer.side=100', '--set', 'viewer.observers=1')
+        topics, '--detector', 'cdt', 'sdt', '--rate', '10', '--view', '--set', 'viewer.side=100',
+        '--set', 'viewer.observers=1')
     for name in ('cdt', 'sdt'):
         assert len(seen[f'{name}/overlay']) >= FRAMES // 2
         assert {image.width for image in seen[f'{name}/overlay'].values()} == {100}
