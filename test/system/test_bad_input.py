@@ -9,6 +9,7 @@ from keystores import empty_keystore
 import pytest
 
 USAGE = 2
+LONG = 300 * 'x'  # too long for the name of a file
 SCENARIO = 'objects: [{id: a, first_frame: 1, last_frame: 9, start: {x_m: 3.0, y_m: 3.0}, legs: '
 
 
@@ -49,6 +50,9 @@ BAD_OPTIONS = [
     (['--camera', '/camera/image_raw', '--replay', 'bag'], ['--camera', '--replay']),
     (['--camera', '/camera/image_raw', '--lockstep'], ['--camera', '--lockstep']),
     (['--camera', '/camera/image_raw', '--camera-within', '0'], ['--camera-within', "'0'"]),
+    (['--scenario', LONG], [LONG]),
+    (['--replay', LONG], [LONG]),
+    (['--secure', LONG], [LONG]),
     (['--domain-id', 'x'], ['--domain-id', "'x'"]),
     (['--domain-id', '233'], ["'233'", '[0, 232]']),
 ]

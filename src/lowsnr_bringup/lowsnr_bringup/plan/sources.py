@@ -6,6 +6,7 @@ from collections.abc import Callable
 from collections.abc import Mapping
 from dataclasses import dataclass
 from dataclasses import field
+import os
 from pathlib import Path
 from typing import Any
 from typing import TYPE_CHECKING
@@ -93,9 +94,9 @@ def find_scenario(text: str, folder: Path) -> Path:
         If there is none; names those of the folder.
 
     """
-    named = folder / f'{text}.yaml'
-    if named.is_file() or Path(text).is_file():
-        return (named if named.is_file() else Path(text)).resolve()
+    for path in (folder / f'{text}.yaml', Path(text)):
+        if os.path.isfile(path):  # unlike Path.is_file it takes a name of any length
+            return path.resolve()
     known = sorted(item.stem for item in folder.glob('*.yaml'))
     raise ValueError(
         f'scenario {text!r} is neither a file nor one of {", ".join(known)}'
