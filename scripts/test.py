@@ -79,7 +79,8 @@ def pytest_arguments(options: argparse.Namespace) -> list[str]:
     arguments = [
         # The packages' own linter tests are for colcon; the linters above check the same.
         '--ignore-glob=*/test_linters.py', '--continue-on-collection-errors',
-        f'--numprocesses={round(WORKERS_PER_CORE * (os.cpu_count() or 1))}', '--dist=loadgroup']
+        f'--numprocesses={round(WORKERS_PER_CORE * (os.cpu_count() or 1))}', '--dist=loadscope',
+        '--no-loadscope-reorder']  # test/conftest.py sorts the tests, and keeps some together
     if not options.slow:
         arguments += ['-m', 'not slow']
     if options.coverage or options.slow:

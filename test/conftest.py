@@ -18,6 +18,11 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 # Folders whose tests wait for other processes come first, so that short tests fill the end.
 _FIRST = ('system', 'ros', 'scripts', 'fuzz')
+# Files whose tests share a graph or another costly fixture: one worker runs all of a unit.
+_UNITS = {f'{name}.py': name for name in (
+    'test_evaluate', 'test_faults', 'test_main_job', 'test_real_frames', 'test_record_replay',
+    'test_reproduce', 'test_respawn', 'test_shared_memory', 'test_stalls', 'test_view',
+    'test_who_gets_in')} | {'test_topics.py': 'published', 'test_tracks.py': 'published'}
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -27,6 +32,20 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         return _FIRST.index(folder) if folder in _FIRST else len(_FIRST)
 
     items.sort(key=rank)
+
+
+@pytest.hookimpl(optionalhook=True, tryfirst=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
+    """Give each worker the next test, or all tests of a file that share something costly."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    class Units(LoadScopeScheduling):
+        # The groups of xdist itself have no effect with pytest 9.
+        def _split_scope(self, nodeid: str) -> str:
+            file = nodeid.partition('::')[0].rpartition('/')[2]
+            return _UNITS.get(file, nodeid)
+
+    return Units(config, log)
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:

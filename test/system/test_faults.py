@@ -65,7 +65,6 @@ def running(tmp_path_factory):
         yield run
 
 
-@pytest.mark.xdist_group('running')
 def test_second_run_on_the_same_domain_is_refused(running, bringup):
     before = running.nodes()
     second = bringup('--detector', 'cdt')
@@ -77,7 +76,6 @@ def test_second_run_on_the_same_domain_is_refused(running, bringup):
     assert running.nodes() == before
 
 
-@pytest.mark.xdist_group('running')
 def test_nodes_end_when_bringup_is_killed(running):
     assert len(running.nodes()) == 4
     running.process.kill()

@@ -34,7 +34,7 @@ def stop(run):
     return run.finish()
 
 
-def wait_for(text, path, within_s=30.0):
+def wait_for(text, path, within_s=120.0):
     """Wait until a log holds a text."""
     until = time.monotonic() + within_s
     while text not in path.read_text():
@@ -78,7 +78,7 @@ def test_results_folder_that_is_removed_comes_back(bringup, restart):
     run = bringup(*RUN)
     run.wait_for_rows(100)
     remove_results(run)
-    until = time.monotonic() + 30.0
+    until = time.monotonic() + 120.0
     while not (run.results / 'frames.csv').exists():
         assert time.monotonic() < until
         time.sleep(0.05)

@@ -26,7 +26,6 @@ def twice(tmp_path_factory):
     return run, printed, kept
 
 
-@pytest.mark.xdist_group('twice')
 def test_one_detector_scores_every_frame(twice):
     run, ((out, err), _), _ = twice
     summary = run.summary()
@@ -38,7 +37,6 @@ def test_one_detector_scores_every_frame(twice):
     assert 'Traceback' not in out + err
 
 
-@pytest.mark.xdist_group('twice')
 def test_lockstep_with_a_seed_gives_the_same_bytes_twice(twice):
     run, _, _ = twice
     first, second = ((run.results.parent / name / 'frames.csv').read_bytes()
@@ -47,7 +45,6 @@ def test_lockstep_with_a_seed_gives_the_same_bytes_twice(twice):
     assert first.count(b'\n') == 1 + 2 * FRAMES
 
 
-@pytest.mark.xdist_group('twice')
 def test_earlier_results_are_kept(twice):
     run, (_, (out, _)), kept = twice
     assert kept[1] == kept[0]

@@ -1,7 +1,6 @@
 """What another program on the same host receives from a run."""
 
 from lowsnr_common.ros.messages import stamp_key
-import pytest
 
 FRAMES = 40
 SECOND = 1_000_000_000
@@ -12,7 +11,6 @@ def stamps(messages):
     return [stamp_key(message.header.stamp) for message in messages]
 
 
-@pytest.mark.xdist_group('three_objects')
 def test_every_frame_is_answered_once_with_its_own_header(published):
     received = published('three_objects')
     wanted = [k * SECOND for k in range(1, FRAMES + 1)]

@@ -24,9 +24,7 @@ def distance(one, other):
     return math.hypot(a.x - b.x, a.y - b.y)
 
 
-@pytest.mark.parametrize(('scenario', 'objects'), [
-    pytest.param('three_objects', 3, marks=pytest.mark.xdist_group('three_objects')),
-    ('crossing', 2)])
+@pytest.mark.parametrize(('scenario', 'objects'), [('three_objects', 3), ('crossing', 2)])
 def test_each_object_has_one_track_of_its_own(published, scenario, objects):
     found = followers(published(scenario))
     assert len(found) == objects

@@ -95,7 +95,6 @@ def widowed(tmp_path_factory):
 
 
 @pytest.mark.usefixtures('widowed')
-@pytest.mark.xdist_group('widowed')
 def test_viewer_changes_no_result(bringup, watch):
     # Long enough for the viewer and its onlooker to discover each other.
     run = (*RUN, '--lockstep', '--frames', '400')
@@ -109,7 +108,6 @@ def test_viewer_changes_no_result(bringup, watch):
         plain.results / 'frames.csv').read_bytes()
 
 
-@pytest.mark.xdist_group('viewed')
 def test_viewer_shows_what_is_there(watch):
     seen, _ = watch(ALL, *RUN, *OBSERVED)
     assert len(seen['ground_truth']) == len(seen['tracks']) == FRAMES
@@ -140,7 +138,6 @@ def test_viewer_shows_what_is_there(watch):
     assert late < len(shown) // 2
 
 
-@pytest.mark.xdist_group('viewed')
 def test_markers_name_every_namespace_that_rviz_shows(watch):
     seen, _ = watch(ALL, *RUN, *OBSERVED)
     config = yaml.safe_load((CONFIG / 'lowsnr.rviz').read_text())['Visualization Manager']
@@ -155,17 +152,16 @@ def test_markers_name_every_namespace_that_rviz_shows(watch):
 
 def test_every_chain_has_its_viewer(watch):
     # All that the viewers publish: with observers they wait for a reader of each.
-    topics = tuple((f'{name}/{topic}', kind) for name in ('cdt', 'sdt')
-                   for topic, kind in (('overlay', Image), ('markers', MarkerArray)))
     seen, _ = watch(
-        topics, '--detector', 'cdt', 'sdt', '--rate', '10', '--view', '--set', 'viewer.side=100',
+        tuple((f'{name}/{topic}', kind) for name in ('cdt', 'sdt')
+              for topic, kind in VIEWER.items()),
+        '--detector', 'cdt', 'sdt', '--rate', '10', '--view', '--set', 'viewer.side=100',
         '--set', 'viewer.observers=1')
     for name in ('cdt', 'sdt'):
         assert len(seen[f'{name}/overlay']) >= FRAMES // 2
         assert {image.width for image in seen[f'{name}/overlay'].values()} == {100}
 
 
-@pytest.mark.xdist_group('widowed')
 def test_run_goes_on_without_a_viewer_that_died(widowed):
     run = widowed
     code, _, err = run.finish()
