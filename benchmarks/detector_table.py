@@ -126,8 +126,8 @@ def measure(method: Method, snr_db: float, runs: int, seed: int) -> dict[str, An
 
 def build(method: Method, sensor: Any, motion: Any) -> 'Detector':
     """Return the detector of a method, with the motion if it has a motion model."""
-    from lowsnr_common.settings.config import build_settings
-    from lowsnr_common.settings.config import flat_values
+    from lowsnr_common.settings.flat_values import build_settings
+    from lowsnr_common.settings.flat_values import flat_values
     from lowsnr_detect.parts.registry import detector_class
 
     cls = detector_class(method.detector)

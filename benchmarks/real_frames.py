@@ -82,7 +82,8 @@ def tracked(name: str, cells: Any, times_s: Any, seed: int) -> list[list[Any]]:
     import numpy as np
 
     shape = cells.shape[1:]
-    detector: Any = detector_class(name)(sensor=SensorModel(snr_db=SNR_DB))
+    cls: Any = detector_class(name)
+    detector: Any = cls(sensor=SensorModel(snr_db=SNR_DB))
     found = calibrated(detector, FALSE_ALARM_PROB, shape)
     detector = replace(detector, threshold=found.threshold)
     tracker = PdaMmpf(

@@ -104,10 +104,9 @@ def main() -> int:
     from lowsnr_bringup.bags.recorded_run import inspect_bag
     from lowsnr_bringup.bags.recording import summarize_recording
     from lowsnr_bringup.run.middleware import middleware_environment
+    from rclpy import get_rmw_implementation_identifier
     size = 4 * options.side**2
-    import rclpy
-    os.environ |= middleware_environment(
-        os.environ, folder, rclpy.get_rmw_implementation_identifier())
+    os.environ |= middleware_environment(os.environ, folder, get_rmw_implementation_identifier())
     try:
         start = time.monotonic()
         sent, latest, cpu_s = record(folder, options)

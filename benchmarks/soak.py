@@ -62,8 +62,8 @@ def main() -> int:
     options = parser.parse_args()
     _environment.ensure(dev=True)
     os.environ |= {'ROS_DOMAIN_ID': str(DOMAIN), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+    from graph_client import GraphClient
     from graph_runs import start_bringup
-    from intruder import Intruder
     import numpy as np
 
     with tempfile.TemporaryDirectory() as spare:
@@ -73,7 +73,7 @@ def main() -> int:
                 folder, '--detector', 'sdt', '--scenario', 'empty', '--loop', '--lockstep',
                 domain_id=DOMAIN) as run:
             run.wait_for_rows(200, within_s=600.0)
-            with Intruder(DOMAIN) as stranger:
+            with GraphClient(DOMAIN) as stranger:
                 hurt(run, stranger, soak, options, np.random.default_rng(options.seed))
             run.process.send_signal(signal.SIGINT)
             code, out, err = run.finish()
@@ -86,7 +86,7 @@ def main() -> int:
 
 def hurt(run: Any, stranger: Any, soak: Soak, options: Any, rng: Any) -> None:
     """Inject a fault every so often."""
-    import garbage
+    import malformed_messages
 
     for topic in TOPICS:
         stranger.connect(kind_of(topic), topic)
@@ -103,7 +103,7 @@ def hurt(run: Any, stranger: Any, soak: Soak, options: Any, rng: Any) -> None:
             if what in SIGNALS:
                 signalled(run, soak, what, str(rng.choice(NODES)), rng)
             else:
-                lied(stranger, soak, what, str(rng.choice(TOPICS)), garbage, rng)
+                lied(stranger, soak, what, str(rng.choice(TOPICS)), malformed_messages, rng)
 
 
 def signalled(run: Any, soak: Soak, what: str, node: str, rng: Any) -> None:
@@ -136,8 +136,9 @@ def lied(stranger: Any, soak: Soak, what: str, topic: str, garbage: Any, rng: An
 
 def kind_of(topic: str) -> type:
     """Return the type of a topic."""
-    from intruder import HEARD
-    return HEARD[topic]
+    from graph_client import SUBSCRIBED
+    kind: type = SUBSCRIBED[topic]
+    return kind
 
 
 def look(run: Any, soak: Soak, now_s: float) -> None:

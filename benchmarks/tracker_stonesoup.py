@@ -208,7 +208,7 @@ def arrivals(
             for z in positions}
 
 
-class Birth(Initiator):  # type: ignore[misc]
+class Birth(Initiator):
     """Start a track from every unassociated detection, with particles as in our tracker."""
 
     settings: PdaMmpf = Property(doc='tracker whose birth model is used')

@@ -55,7 +55,7 @@ def main() -> int:
 
 
 def hits(method: Any, design_db: float, object_db: float, runs: int, seed: int) -> Any:
-    """Return the share of scored frames with a hit, for each run; paired over the designs."""
+    """Return the fraction of scored frames with a hit, for each run; paired over the designs."""
     from lowsnr_common.core.measurement import SensorModel
     from lowsnr_detect.calibration.operating_point import calibrated
     from lowsnr_sensor.scenario import load_scenario

@@ -1,4 +1,4 @@
-"""The command line of every script: errors in one line, numbers within their bounds."""
+"""What the command lines of all scripts share: errors of one line, and checked numbers."""
 
 import argparse
 import math
@@ -9,15 +9,27 @@ USAGE, INTERRUPTED = 2, 130
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser that says what is wrong in one line."""
+    """A parser that reports an error in one line."""
 
     def error(self, message: str) -> NoReturn:
-        """Print the message alone and end with the status of a usage error."""
+        """Print the message without the usage, and exit with the code of a usage error."""
         self.exit(USAGE, f'{self.prog}: {message}\n')
 
 
 def number(least: float, *, whole: bool = False, above: bool = False) -> Any:
-    """Return an argparse type for finite numbers from ``least`` on, or above it."""
+    """
+    Return an argparse type for finite numbers.
+
+    Parameters
+    ----------
+    least
+        Smallest number allowed.
+    whole
+        Whether the number must be a whole one.
+    above
+        Whether the number must be larger than ``least``.
+
+    """
     def convert(text: str) -> float:
         kind = 'a whole number' if whole else 'a number'
         try:

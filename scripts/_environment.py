@@ -1,16 +1,17 @@
 """
-Find the Python that has ROS 2 Jazzy, or make it: what every script does first.
+Find a Python that has ROS 2 Jazzy, or make one: every script does this first.
 
-1. The running interpreter has ROS 2 and all that is needed from PyPI: it is used as it is.
-2. It has ROS 2, but lacks packages of PyPI: they go into ``.venv``, which sees those of the
-   system too.  So nothing is installed into the system, and nothing of its own is replaced.
-3. It has no ROS 2: ``.venv`` gets all that requirements/ locks, and vision_msgs is built there.
+1. The running interpreter has ROS 2 and all packages from PyPI: it is used as it is.
+2. It has ROS 2, but lacks packages from PyPI: they are installed in ``.venv``, which also sees
+   those of the system.  The system itself is not changed.
+3. It has no ROS 2: all packages that requirements/ locks are installed in ``.venv``, and
+   vision_msgs is built there.
 
-In the cases 2 and 3 the script starts itself again with the interpreter of ``.venv``, which
-`_venv` makes where it is not complete.
+In cases 2 and 3 the script restarts itself with the interpreter of ``.venv``, which `_venv`
+makes unless it is complete.
 
-Importing this module from a Python older than the project's already leaves that Python: it could
-not go on to define what follows in the script.  Up to there, scripts keep to old syntax.
+A Python that is too old for the project is left as soon as it imports this module, because it
+could not compile the rest of a script.  Everything up to that import uses old syntax.
 """
 
 import contextlib
@@ -28,7 +29,7 @@ import _venv
 
 SOURCES = [str(path) for path in sorted((_venv.ROOT / 'src').glob('lowsnr_*'))]
 OLDEST = (3, 11)
-WITH_WHEELS = ('3.12', '3.11', '3.13')  # what PyPI has ROS 2 for, preferred first
+WITH_WHEELS = ('3.12', '3.11', '3.13')  # for which PyPI has ROS 2, the preferred one first
 ROS = (
     'rclpy', 'diagnostic_msgs', 'geometry_msgs', 'lifecycle_msgs', 'nav_msgs', 'rosgraph_msgs',
     'sensor_msgs', 'std_msgs', 'vision_msgs', 'visualization_msgs',
@@ -37,22 +38,23 @@ ROS = (
 
 def ensure(dev: bool = False) -> None:
     """
-    Return in an interpreter that has all that is needed, if need be by starting again in it.
+    Return in an interpreter that has all packages; restart the script in it if necessary.
 
-    To be called before the first import of anything but the standard library.  What cannot be
-    mended ends in one line and exit code 2 (nothing was changed), 1 (it failed half-way) or 130.
+    Call this before the first import of anything but the standard library.  An error ends the
+    script with one line and exit code 2 (nothing was changed), 1 (a step failed) or 130
+    (Ctrl-C).
 
     Parameters
     ----------
     dev : bool
-        Whether the packages of the tests and linters are needed too.
+        Whether the packages of the tests and linters are needed as well.
 
     """
     inside = os.path.realpath(sys.prefix) == os.path.realpath(str(_venv.VENV))
     missing = [name for name in ROS if importlib.util.find_spec(name) is None]
     wanted = {'dev'} if dev else set()
     if inside:
-        if missing:  # somebody changed it by hand
+        if missing:  # .venv was changed by hand
             _venv.forget()
         elif _venv.is_complete(wanted):
             return _adopt()
@@ -61,7 +63,7 @@ def ensure(dev: bool = False) -> None:
     if 'rclpy' in missing:
         base, packages = 'ros', _venv.packages_of(wanted | {'runtime', 'ros'})
     else:
-        _refuse_unusable_ros(missing)
+        _check_ros(missing)
         locked = _venv.packages_of(wanted | {'runtime'})
         packages = {name: locked[name] for name in locked if not _is_installed(name)}
         if not packages:
@@ -73,15 +75,15 @@ def ensure(dev: bool = False) -> None:
             _use_another_python()
         _venv.make(base, wanted, packages)
     elif version in WITH_WHEELS and not (_venv.VENV / 'lib' / f'python{version}').is_dir():
-        _steps.say(f'.venv was not made by Python {version}; it is used all the same')
+        _steps.say(f'using .venv, although another Python than {version} made it')
     _restart(str(_venv.PYTHON))
 
 
 def _adopt() -> None:
-    """Let this process, and those that it starts, find the packages of the checkout."""
+    """Make the packages of the checkout importable, here and in processes started from here."""
     sys.path[1:1] = [path for path in SOURCES if path not in sys.path]
     _prepend('PYTHONPATH', SOURCES)
-    if os.path.isdir(os.path.join(sys.prefix, 'share', 'ament_index')):  # put there by the wheels
+    if os.path.isdir(os.path.join(sys.prefix, 'share', 'ament_index')):  # of the ROS wheels
         _prepend('AMENT_PREFIX_PATH', [sys.prefix])
 
 
@@ -91,29 +93,29 @@ def _prepend(variable: str, paths: 'list[str]') -> None:
 
 
 def _restart(python: str) -> NoReturn:
-    """Run the same script with another interpreter, in this process."""
+    """Run the same script with another interpreter, in place of this process."""
     sys.stdout.flush()
     sys.stderr.flush()
     arguments = getattr(sys, 'orig_argv', [''] + sys.argv)[1:]
     os.execve(python, [python] + arguments, _steps.environ())
 
 
-def _refuse_unusable_ros(missing: 'list[str]') -> None:
-    """End where ROS 2 is sourced, but not one that this interpreter can use."""
+def _check_ros(missing: 'list[str]') -> None:
+    """End the script if ROS 2 is sourced, but not one that this interpreter can use."""
     folder = Path(str(importlib.util.find_spec('rclpy').origin)).parent  # type: ignore[union-attr]
     distro = os.environ.get('ROS_DISTRO', 'jazzy')
     if distro != 'jazzy':
-        _steps.fail(f'ROS 2 {distro} is sourced, this needs Jazzy: start from another shell', 2)
+        _steps.fail(f'ROS 2 {distro} is sourced, but Jazzy is needed: start from another shell', 2)
     if not any((folder / f'_rclpy_pybind11{suffix}').exists() for suffix in EXTENSION_SUFFIXES):
-        _steps.fail(f'{folder} is not for {sys.executable}: start with the Python it is for', 2)
+        _steps.fail(f'{folder} is for another Python than {sys.executable}: use that one', 2)
     if missing:
         names = ' '.join('ros-jazzy-' + name.replace('_', '-') for name in missing)
-        _steps.fail(f'the ROS 2 that is sourced lacks packages: sudo apt-get install {names}', 2)
+        _steps.fail(f'the sourced ROS 2 lacks packages: sudo apt-get install {names}', 2)
 
 
 def _is_installed(name: str) -> bool:
-    """Return whether a package is there, as itself or as the ROS package that a wheel holds."""
-    from importlib import metadata  # only now: it is slow, and no part of the oldest Pythons
+    """Return whether a package is installed, under its own name or that of its ROS package."""
+    from importlib import metadata  # here: it is slow, and the oldest Pythons lack it
     for known in (name, re.sub('^ros-(jazzy-)?', '', name)):
         with contextlib.suppress(metadata.PackageNotFoundError):
             return bool(metadata.distribution(known))
@@ -121,7 +123,7 @@ def _is_installed(name: str) -> bool:
 
 
 def _use_another_python() -> NoReturn:
-    """Run the script with a Python that is of use, or say that there is none."""
+    """Run the script with a Python that has wheels; end it if there is none."""
     running = 'Python {}.{} cannot be used'.format(*sys.version_info)
     if _venv.is_complete(set()):
         _restart(str(_venv.PYTHON))
@@ -129,11 +131,11 @@ def _use_another_python() -> NoReturn:
         for folder in os.get_exec_path():
             path = os.path.join(folder, f'python{version}')
             with contextlib.suppress(subprocess.SubprocessError, OSError):
-                # Asked, because what stands there may only stand for a Python (pyenv does that).
+                # The file may be a shim without a Python behind it, as those of pyenv.
                 python = subprocess.check_output(
                     [path, '-c', 'import ensurepip, sys; print(sys.executable)'],
                     env=_steps.environ(), stderr=subprocess.DEVNULL, timeout=20)
-                _steps.say(f'{running}, going on with {path}')
+                _steps.say(f'{running}, continuing with {path}')
                 _restart(python.decode().strip())
     _steps.fail(f'{running}: install 3.11, 3.12 or 3.13 with its headers and venv (python3.12-dev '
                 'and python3.12-venv on Ubuntu 24.04), or source ROS 2 Jazzy', 2)

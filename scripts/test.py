@@ -1,12 +1,18 @@
 """Run every linter and every test."""
 
 import argparse
+from collections.abc import Iterator
+import contextlib
+from dataclasses import dataclass
+import io
 import os
 from pathlib import Path
 import signal
 import subprocess
 import sys
+import tempfile
 import time
+from typing import IO
 
 import _environment
 
@@ -17,69 +23,129 @@ LINTERS = {
     'ament_flake8': ['ament_flake8.main', 'scripts', 'src', 'test'],
     'ament_pep257': ['ament_pep257.main', 'scripts', 'src', 'test'],
 }
-FILE_LISTS = ('checking ', 'Checked files:', '* ')  # what the ament linters say of every file
+FILE_LISTS = ('checking ', 'Checked files:', '* ')  # what the ament linters print for every file
+PACKAGES = sorted(path.name for path in (ROOT / 'src').glob('lowsnr_*'))
 DONE, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
 # What pytest.main returns, where it is neither 0 nor a failure of ours.
 EXIT_CODES = {0: DONE, 2: INTERRUPTED, 4: USAGE}
+# Tests of the graph wait for other processes about as long as they compute.
+WORKERS_PER_CORE = 1.5
 
 
 def main() -> int:
     """Check everything, also after a failure; return the exit code."""
-    pytest_args = parse_arguments()
+    options, pytest_args = parse_arguments()
     _environment.ensure(dev=True)
     os.chdir(ROOT)
     # The tests stop the processes they started however they end: let SIGTERM unwind them too.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     start = time.monotonic()
-    results = {name: run_linter(name) for name in LINTERS}
-    results['pytest'] = run_tests(pytest_args)
+    with started_linters() as linters:
+        results = {'pytest': run_tests(pytest_arguments(options) + pytest_args)}
+        if results['pytest'] == INTERRUPTED:
+            print('== interrupted')
+            return INTERRUPTED
+        if options.coverage or options.slow:
+            print_coverage()
+        results |= {linter.name: linter.finish() for linter in linters}
     summarize(results, time.monotonic() - start)
     return max(results.values())
 
 
-def parse_arguments() -> list[str]:
-    """Return the arguments for pytest; ``--help`` ends here."""
+def parse_arguments() -> tuple[argparse.Namespace, list[str]]:
+    """Return the options of this command and the arguments for pytest; ``--help`` ends here."""
     parser = argparse.ArgumentParser(
         allow_abbrev=False,
-        description='Run ruff, mypy, ament_flake8, ament_pep257 and the tests. Other arguments '
-        'go to pytest; paths are relative to the repository.',
-        epilog='example: python scripts/test.py test/detect -k sdt -m "not slow"; '
-        'exit code: 0 all passed, 1 something failed, 2 usage error, 130 after Ctrl-C',
+        description='Run ruff, mypy, ament_flake8, ament_pep257 and, at the same time, the tests '
+        'in parallel processes. Other arguments go to pytest; paths are relative to the '
+        'repository.',
+        epilog='example: python scripts/test.py test/detect -k sdt -n0; -n0 runs the tests in one '
+        'process, as a debugger needs it. '
+        'Exit code: 0 all passed, 1 something failed, 2 usage error, 130 after Ctrl-C',
     )
-    parser.parse_known_args()
-    return sys.argv[1:]
+    parser.add_argument(
+        '--slow', action='store_true',
+        help='run also the tests marked slow, the heaviest Monte Carlo runs, and print the '
+        'coverage')
+    parser.add_argument(
+        '--coverage', action='store_true',
+        help='print the share of lines of each package that the tests run; it takes about half '
+        'as long again')
+    return parser.parse_known_args()
 
 
-def run_linter(name: str) -> int:
-    """Run one linter; what it prints is shown only where it found something."""
-    print(f'== {name}', flush=True)
-    command = [sys.executable, '-m', *LINTERS[name]]
-    done = subprocess.run(
-        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False
-    )
-    if done.returncode:
-        lines = done.stdout.splitlines()
+def pytest_arguments(options: argparse.Namespace) -> list[str]:
+    """Return the arguments for pytest that come before those of the user, who may override."""
+    arguments = [
+        # The packages' own linter tests are for colcon; the linters above check the same.
+        '--ignore-glob=*/test_linters.py', '--continue-on-collection-errors',
+        f'--numprocesses={round(WORKERS_PER_CORE * (os.cpu_count() or 1))}', '--dist=loadscope',
+        '--no-loadscope-reorder']  # test/conftest.py sorts the tests, and keeps some together
+    if not options.slow:
+        arguments += ['-m', 'not slow']
+    if options.coverage or options.slow:
+        arguments += ['--cov', '--cov-report=']  # of the packages that pyproject.toml names
+    return arguments
+
+
+@dataclass
+class Linter:
+    """A linter that runs; it prints something only where it found something."""
+
+    name: str
+    process: subprocess.Popen[str]
+    output: IO[str]
+
+    def finish(self) -> int:
+        """Wait for its end, print what it found, and return `DONE` or `FAILED`."""
+        print(f'== {self.name}', flush=True)
+        if not self.process.wait():
+            return DONE
+        self.output.seek(0)
+        lines = self.output.read().splitlines()
         print(*(line for line in lines if not line.startswith(FILE_LISTS)), sep='\n', flush=True)
-    return FAILED if done.returncode else DONE
+        return FAILED
+
+
+@contextlib.contextmanager
+def started_linters() -> Iterator[list[Linter]]:
+    """Start all linters; those that still run are killed at the end of the block."""
+    with contextlib.ExitStack() as stack:
+        linters = []
+        for name, words in LINTERS.items():
+            output = stack.enter_context(tempfile.TemporaryFile('w+'))
+            process = stack.enter_context(subprocess.Popen(
+                [sys.executable, '-m', *words], stdout=output, stderr=subprocess.STDOUT,
+                text=True))
+            stack.callback(process.kill)
+            linters.append(Linter(name, process, output))
+        yield linters
 
 
 def run_tests(arguments: list[str]) -> int:
-    """Run pytest in this process, so that Ctrl-C reaches the tests and nothing else."""
+    """Run pytest in this process, so that Ctrl-C reaches it and its workers and nothing else."""
     import pytest  # only now: the interpreter that was started first may not have it
 
     print('== pytest', flush=True)
-    # The packages' own linter tests are for colcon; what they check was checked above.
-    ours = ['--ignore-glob=*/test_linters.py', '--continue-on-collection-errors']
-    return EXIT_CODES.get(pytest.main([*ours, *arguments]), FAILED)
+    return EXIT_CODES.get(pytest.main(arguments), FAILED)
+
+
+def print_coverage() -> None:
+    """Print the share of lines that the tests ran, by package; node processes are left out."""
+    import coverage
+
+    measured = coverage.Coverage()
+    measured.load()
+    print('== coverage of lines, without those that only node processes run')
+    for name in [*PACKAGES, '*']:
+        share = measured.report(include=f'src/{name}/*', file=io.StringIO())
+        print(f'{"total" if name == "*" else name:<16}{share:6.1f} %')
 
 
 def summarize(results: dict[str, int], seconds: float) -> None:
     """Print the one line that says how it went."""
     failed = [name for name, code in results.items() if code]
-    if INTERRUPTED in results.values():
-        verdict = 'interrupted'
-    else:
-        verdict = f'FAILED: {", ".join(failed)}' if failed else f'passed: {", ".join(results)}'
+    verdict = f'FAILED: {", ".join(failed)}' if failed else f'passed: {", ".join(results)}'
     print(f'== {verdict} ({seconds:.0f} s)')
 
 

@@ -188,7 +188,7 @@ BAD = [
     (one_direction, 'lowsnr_track.mmpf', 'import lowsnr_eval'),
     (one_direction, 'lowsnr_bringup.plan.graph', 'from lowsnr_eval.scoring import metrics'),
     (one_direction, 'lowsnr_common.core.motion', 'import lowsnr_sensor.scenario'),
-    (privacy, CORE, 'from lowsnr_common.settings.config import _convert'),
+    (privacy, CORE, 'from lowsnr_common.settings.declare import _convert'),
     (privacy, CORE, 'import numpy._core'),
     (handed_in_randomness, CORE, 'import random'),
     (handed_in_randomness, CORE, 'from numpy.random import normal'),

@@ -1,74 +1,178 @@
-"""The test command's own exit codes, and what becomes of a test without its program."""
+"""The test command's own exit codes and options, and what a test does without its program."""
 
+import os
 from pathlib import Path
+import signal
 import subprocess
 import sys
+import time
 
 import pytest
 
-COMMAND = Path(__file__).resolve().parents[1] / 'scripts' / 'test.py'
-# The command without its linters: they see the repository, not the file that is handed in.
-WITHOUT_LINTERS = f"""
+ROOT = Path(__file__).resolve().parents[1]
+COMMAND = ROOT / 'scripts' / 'test.py'
+# The command with other linters than its own, which check the repository, not the file given.
+WITH_LINTERS = f"""
 import runpy, sys
 sys.path.insert(0, {str(COMMAND.parent)!r})
 command = runpy.run_path({str(COMMAND)!r})
 command['LINTERS'].clear()
+command['LINTERS'].update(%s)
 sys.exit(command['main']())
+"""
+ONE_SLOW = """
+import pytest
+def test_fast(): pass
+@pytest.mark.slow
+def test_slow(): raise AssertionError
+"""
+# A test that waits for a process, which a fixture ends; both leave their process id in a file.
+ENDLESS = """
+import os, pathlib, subprocess, time
+import pytest
+
+@pytest.fixture
+def process(request):
+    with subprocess.Popen(['sleep', '1000']) as started:
+        path = pathlib.Path(__file__).with_name(request.node.name)
+        path.with_suffix('.new').write_text(f'{os.getpid()} {started.pid}')
+        path.with_suffix('.new').rename(path.with_suffix('.pids'))
+        try:
+            yield started
+        finally:
+            started.kill()
+
+@pytest.mark.parametrize('number', range(2))
+def test_endless(process, number):
+    process.wait()
 """
 
 
+def start(*arguments, linters=None, **environ):
+    """Start the command with these linters."""
+    return subprocess.Popen(
+        [sys.executable, '-c', WITH_LINTERS % (linters or {}), *map(str, arguments)],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ | environ)
+
+
+def run(*arguments, linters=None, **environ):
+    """Run the command to its end; return its exit code, its last line and its complaint."""
+    with start(*arguments, linters=linters, **environ) as process:
+        out, err = process.communicate(timeout=300.0)
+    return process.returncode, (out.splitlines() or [''])[-1], err
+
+
+@pytest.mark.parametrize('workers', [0, 2])
 @pytest.mark.parametrize(('body', 'code', 'verdict'), [
-    ('pass', 0, '== passed: pytest'),
-    ('raise AssertionError', 1, '== FAILED: pytest'),
-    ('raise KeyboardInterrupt', 130, '== interrupted'),
+    ('pass', 0, 'passed'),
+    ('raise AssertionError', 1, 'FAILED: pytest'),
+    ('raise KeyboardInterrupt', 130, 'interrupted'),
 ])
-def test_exit_code_says_how_the_tests_went(tmp_path, body, code, verdict):
+def test_exit_code_says_how_the_tests_went(tmp_path, workers, body, code, verdict):
     path = tmp_path / 'test_one.py'
     path.write_text(f'def test_one():\n    {body}\n')
-    done = run('-c', WITHOUT_LINTERS, path)
-    assert done.returncode == code
-    assert verdict in done.stdout.splitlines()[-1]
+    found, last, _ = run(f'-n{workers}', path)
+    assert found == code
+    assert verdict in last
+
+
+def test_linter_that_finds_something_is_named_and_a_failure(tmp_path):
+    path = tmp_path / 'test_one.py'
+    path.write_text('def test_one(): pass\n')
+    (tmp_path / 'bad.py').write_text('1 +\n')
+    linters = {'bad': ['py_compile', str(tmp_path / 'bad.py')],
+               'good': ['py_compile', str(path)]}
+    code, last, _ = run('-n0', path, linters=linters)
+    assert code == 1
+    assert 'bad' in last
+    assert 'good' not in last
 
 
 def test_file_that_cannot_be_imported_is_a_failure(tmp_path):
     (tmp_path / 'test_broken.py').write_text('import no_such_module\n')
-    assert run('-c', WITHOUT_LINTERS, tmp_path / 'test_broken.py').returncode == 1
+    assert run('-n2', tmp_path / 'test_broken.py')[0] == 1
 
 
 def test_no_test_at_all_is_a_failure(tmp_path):
     (tmp_path / 'test_none.py').touch()
-    assert run('-c', WITHOUT_LINTERS, tmp_path / 'test_none.py').returncode == 1
+    assert run('-n0', tmp_path / 'test_none.py')[0] == 1
 
 
 def test_unknown_option_is_a_usage_error():
-    done = run('-c', WITHOUT_LINTERS, '--no-such-option')
-    assert done.returncode == 2
-    assert '--no-such-option' in done.stderr
+    code, _, err = run('--no-such-option')
+    assert code == 2
+    assert '--no-such-option' in err
+
+
+@pytest.mark.parametrize(('options', 'code'), [([], 0), (['--slow'], 1)])
+def test_slow_tests_run_on_request(tmp_path, options, code):
+    (tmp_path / 'test_one.py').write_text(ONE_SLOW)
+    assert run('-n0', *options, tmp_path, COVERAGE_FILE=str(tmp_path / 'coverage'))[0] == code
+
+
+def test_coverage_has_a_line_for_each_package(tmp_path):
+    (tmp_path / 'test_one.py').write_text(
+        'def test_one():\n    from lowsnr_common.core import motion\n')
+    with start('-n2', '--coverage', tmp_path, COVERAGE_FILE=str(tmp_path / 'coverage')) as process:
+        out, _ = process.communicate(timeout=300.0)
+    shares = {words[0]: float(words[1]) for words in map(str.split, out.splitlines())
+              if words[2:] == ['%']}
+    assert sorted(shares) == [
+        'lowsnr_bringup', 'lowsnr_common', 'lowsnr_detect', 'lowsnr_eval', 'lowsnr_sensor',
+        'lowsnr_track', 'total']
+    assert 0.0 < shares['total'] < shares['lowsnr_common'] < 100.0
+    assert process.returncode == 0
+
+
+def wait_for_pids(folder, count):
+    """Wait until this many files hold process ids; return the ids."""
+    until = time.monotonic() + 120.0
+    while len(found := list(folder.glob('*.pids'))) < count:
+        assert time.monotonic() < until, found
+        time.sleep(0.05)
+    return {int(pid) for path in found for pid in path.read_text().split()}
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('workers', [0, 2])
+def test_interrupt_ends_tests_linters_and_what_they_started(tmp_path, workers, number):
+    (tmp_path / 'test_endless.py').write_text(ENDLESS)
+    (tmp_path / 'endless_linter.py').write_text(
+        'import os, pathlib, time\n'
+        f'pathlib.Path({str(tmp_path / "linter.pids")!r}).write_text(str(os.getpid()))\n'
+        'time.sleep(1000)\n')
+    path = os.pathsep.join([str(tmp_path), *sys.path])
+    with start(f'-n{workers}', tmp_path / 'test_endless.py', PYTHONPATH=path,
+               linters={'endless': ['endless_linter']}) as process:
+        try:
+            pids = wait_for_pids(tmp_path, 1 + max(1, workers))
+            process.send_signal(number)
+            process.communicate(timeout=120.0)
+        finally:
+            process.kill()
+    assert process.returncode == 130
+    left = [pid for pid in pids if Path('/proc', str(pid)).exists()]
+    assert not left
 
 
 def test_help_shows_an_example():
-    done = run(COMMAND, '--help')
-    assert done.returncode == 0
+    done = subprocess.run(
+        [sys.executable, str(COMMAND), '--help'], capture_output=True, text=True, check=True)
     assert 'example: python scripts/test.py' in done.stdout
+    assert '--slow' in done.stdout
 
 
 def test_missing_program_skips_on_a_users_machine(monkeypatch, require_program):
     monkeypatch.delenv('CI', raising=False)
-    with pytest.raises(pytest.skip.Exception, match='needs the program no-such-program'):
+    with pytest.raises(pytest.skip.Exception, match='no-such-program'):
         require_program('no-such-program')
 
 
 def test_missing_program_fails_in_ci(monkeypatch, require_program):
     monkeypatch.setenv('CI', 'true')
-    with pytest.raises(pytest.fail.Exception, match='needs the program no-such-program'):
+    with pytest.raises(pytest.fail.Exception, match='no-such-program'):
         require_program('no-such-program')
 
 
 def test_program_on_the_path_is_found(require_program):
     assert Path(require_program('sh')).name == 'sh'
-
-
-def run(*arguments):
-    """Run Python with these arguments to its end."""
-    command = [sys.executable, *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)

@@ -1,4 +1,4 @@
-"""The configuration is checked whole before anything starts, and reaches the right nodes."""
+"""Options and configuration are checked before anything starts, and reach the right nodes."""
 
 from pathlib import Path
 import shutil
@@ -7,7 +7,7 @@ from lowsnr_bringup.plan.config_files import load_config
 from lowsnr_bringup.plan.graph import to_yaml
 from lowsnr_bringup.plan.run_options import RunOptions
 from lowsnr_bringup.plan.run_plan import plan_run
-from lowsnr_common.settings.config import flat_values
+from lowsnr_common.settings.flat_values import flat_values
 from lowsnr_detect.parts.registry import detector_class
 from lowsnr_detect.parts.registry import DETECTORS
 from lowsnr_track.pda_mmpf import PdaMmpf
@@ -19,7 +19,7 @@ CONFIG = Path(__file__).resolve().parents[2] / 'config'
 
 @pytest.fixture
 def config(tmp_path):
-    """Return a copy of the configuration that a test may spoil."""
+    """Return a copy of the configuration that a test can change."""
     return shutil.copytree(CONFIG, tmp_path / 'config')
 
 
@@ -40,7 +40,26 @@ def test_several_chains_stand_in_namespaces_on_the_same_frames():
     assert nodes[2].remaps == nodes[4].remaps == ('image_raw:=/image_raw',)
 
 
-def test_later_layers_win():
+def test_scenario_yields_to_files_and_both_to_options_and_all_to_set(config):
+    def snr(*overrides, snr_db=None):
+        run = plan(config, snr_db=snr_db, overrides=overrides)
+        return run.parameters['/sdt_detector']['sensor.snr_db']
+    assert snr() == 6.0  # of the scenario
+    (config / 'evaluator.yaml').write_text('/**: {ros__parameters: {sensor: {snr_db: 4.0}}}')
+    assert snr() == 4.0
+    assert snr(snr_db=9.0) == 9.0
+    assert snr('sdt.sensor.snr_db=7', snr_db=9.0) == 7.0
+
+
+def test_files_win_over_the_size_of_a_scenario_but_not_over_its_path(config):
+    (config / 'evaluator.yaml').write_text(
+        '/**: {ros__parameters: {rows: 99}}\n/**/sensor: {ros__parameters: {scenario: other}}')
+    run = plan(config).parameters
+    assert run['/sdt_detector']['rows'] == 99  # a scenario has only a default
+    assert run['/sensor']['scenario'] == str(config / 'scenarios' / 'example3.yaml')
+
+
+def test_options_and_set_reach_the_nodes_that_they_name():
     values = plan(snr_db=9.0, seed=5, overrides=['sdt.sensor.snr_db=6', 'sdt.max_iterations=8'])
     assert values.parameters['/sensor']['sensor.snr_db'] == 9.0
     assert values.parameters['/sdt_detector']['sensor.snr_db'] == 6.0
@@ -48,7 +67,33 @@ def test_later_layers_win():
     assert values.detectors['/sdt_detector'].max_iterations == 8
 
 
-def test_tracker_knows_how_many_frames_a_declaration_rests_on():
+def test_set_wins_over_the_wiring_and_over_what_other_nodes_imply():
+    run = plan(overrides=[
+        'tracker.consumers=5', 'tracker.frames_per_detection=2', 'sensor.patience_s=1.5'])
+    assert run.parameters['/tracker']['consumers'] == 5
+    assert run.parameters['/tracker']['frames_per_detection'] == 2
+    assert run.parameters['/sensor']['patience_s'] == 1.5
+
+
+def test_source_waits_longer_for_a_frame_than_the_evaluator():
+    run = plan(overrides=['evaluator.answer_within_s=3'])
+    assert run.parameters['/sensor']['patience_s'] > 3.0
+
+
+@pytest.mark.parametrize('viewed', [False, True])
+@pytest.mark.parametrize('detectors', [['sdt'], ['cdt', 'sdt', 'hmm']])
+def test_every_node_waits_for_all_its_subscribers(detectors, viewed):
+    own = plan(detectors=detectors, view=viewed).parameters
+    chains, per_chain = len(detectors), 1 + viewed  # detector or tracker, viewer
+    assert own['/sensor']['consumers'] == chains * per_chain + 1
+    for name in detectors:
+        space = f'/{name}' if chains > 1 else ''
+        assert own[f'{space}/{name}_detector']['consumers'] == per_chain + 1
+        assert own[f'{space}/tracker']['consumers'] == per_chain
+    assert own['/evaluator']['consumers'] == 2  # bring-up, sensor
+
+
+def test_tracker_gets_the_number_of_frames_that_share_a_declaration():
     values = plan(detectors=['cdt', 'sdt'], overrides=['sdt.max_iterations=8']).parameters
     assert values['/cdt/tracker']['frames_per_detection'] == 1
     assert values['/sdt/tracker']['frames_per_detection'] == 8
@@ -61,42 +106,56 @@ def test_snr_and_size_come_from_the_scenario():
     assert (values['rows'], values['cols']) == (20, 20)
 
 
-@pytest.mark.parametrize(('name', 'text', 'said'), [
+@pytest.mark.parametrize(('name', 'text', 'words'), [
     ('detectors.yaml', '/**/sdt_detector: {ros__parameters: {max_iteration: 3}}',
-     'max_iteration is not a parameter of this node; did you mean max_iterations?'),
+     ['max_iteration ', 'max_iterations?']),
     ('detectors.yaml', '/**/sdt_detector: {ros__parameters: {radius: 1.5}}',
-     r'radius = 1.5, must be a whole number in \[0, 16\]'),
-    ('common.yaml', '/**: {ros__parameters: {sensor: {noise: 1.0}}}',
-     'sensor.noise is not a parameter'),
+     ['radius = 1.5', '[0, 16]']),
+    ('common.yaml', '/**: {ros__parameters: {sensor: {noise: 1.0}}}', ['sensor.noise ']),
     ('common.yaml', '/**: {ros__parameters: {sensor: {noise_std: -1.0}}}',
-     r'sensor.noise_std = -1.0, must be a number in \(0.0, inf\)'),
-    ('tracker.yaml', '/**/traker: {ros__parameters: {}}', 'NODE one of sensor, '),
-    ('tracker.yaml', '/**/tracker: {parameters: {}}', 'must hold ros__parameters'),
-    ('evaluator.yaml', 'a: [', 'not YAML'),
-    ('evaluator.yaml', '3', 'must be a mapping'),
+     ['sensor.noise_std = -1.0', '(0.0, inf)']),
+    ('tracker.yaml', '/**/traker: {ros__parameters: {}}', ['/**/traker', 'sensor, ', 'tracker']),
+    ('tracker.yaml', '/**/tracker: {parameters: {}}', ['/**/tracker', 'ros__parameters']),
+    ('evaluator.yaml', 'a: [', ['YAML']),
+    ('evaluator.yaml', '3', ['ros__parameters']),
 ])
-def test_bad_configuration_names_file_and_key(config, name, text, said):
+def test_bad_configuration_names_file_and_key(config, name, text, words):
     (config / name).write_text(text)
-    with pytest.raises(ValueError, match=said) as caught:
-        plan(config)
-    assert str(config / name) in str(caught.value)
-    assert '\n' not in str(caught.value)
+    line = refusal(config)
+    assert line.startswith(f'{config / name}: ')
+    assert not [word for word in words if word not in line], line
+
+
+def refusal(folder=CONFIG, **options):
+    """Return the one line with which a run is refused."""
+    with pytest.raises(ValueError) as caught:
+        plan(folder, **options)
+    assert len(str(caught.value).splitlines()) == 1
+    return str(caught.value)
 
 
 def test_missing_file_is_named(config):
     (config / 'tracker.yaml').unlink()
-    with pytest.raises(ValueError, match='tracker.yaml: cannot be read'):
-        plan(config)
+    assert refusal(config).startswith(f'{config / "tracker.yaml"}: ')
 
 
-def test_settings_that_do_not_fit_each_other_name_the_node():
-    with pytest.raises(ValueError, match='tracker: .*must not fall'):
-        plan(overrides=['tracker.life.delete_probability=0.99'])
+def test_settings_that_do_not_fit_each_other_name_the_node_and_the_setting():
+    line = refusal(overrides=['tracker.life.delete_probability=0.99'])
+    assert line.startswith('tracker: ')
+    assert 'delete_' in line
+    assert '0.99' in line
 
 
-def test_detector_that_answers_late_is_refused():
-    with pytest.raises(ValueError, match='lag = 3, must be 0 in a graph'):
-        plan(detectors=['hmm'], overrides=['hmm.lag=3'])
+@pytest.mark.parametrize(('options', 'words'), [
+    ({'detectors': ['hmm'], 'overrides': ['hmm.lag=3']}, ['lag = 3', ' 0 ']),
+    ({'condition': 'on'}, ['--condition on']),
+    ({'replay': Path('bag'), 'loop': True}, ['--loop']),
+    ({'record': CONFIG}, [str(CONFIG)]),
+    ({'overrides': ['evaluator.operating_points=[a, b]']}, ['evaluator', 'operating_points']),
+])
+def test_options_that_no_run_can_have_are_refused_by_name(options, words):
+    line = refusal(**options)
+    assert not [word for word in words if word not in line], line
 
 
 def test_parameter_file_reads_back_as_it_was():
@@ -109,7 +168,7 @@ def test_parameter_file_reads_back_as_it_was():
             for key, value in own.items() if value != ()}}
 
 
-def test_shipped_configuration_says_the_defaults():
+def test_shipped_configuration_has_the_defaults():
     # The comments call the values the defaults, so they must be.
     config = load_config(CONFIG)
     for name in DETECTORS:

@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 from keystores import empty_keystore
-from lowsnr_bringup.plan.graph import plan
+from lowsnr_bringup.plan.graph import run_nodes
 from lowsnr_bringup.run.processes import ProcessGroup
 from lowsnr_bringup.run.security import ENCLAVE_FILES
 from lowsnr_bringup.run.security import secured_environment
@@ -95,7 +95,7 @@ def test_every_process_looks_for_its_own_enclave(keystore, tmp_path):
     # What it looks for is said by ROS itself, before the middleware refuses the empty files.
     parameters = tmp_path / 'parameters.yaml'
     parameters.write_text('{/evaluator: {ros__parameters: {seed: 0}}}')
-    nodes = {node.path: node for node in plan(['cdt', 'sdt'])}
+    nodes = {node.path: node for node in run_nodes(['cdt', 'sdt'])}
     environment = {
         **ENFORCED, 'ROS_SECURITY_KEYSTORE': str(keystore), 'ROS_SECURITY_ENCLAVE_OVERRIDE': ''}
     with ProcessGroup(tmp_path, environment) as group:

@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 from lowsnr_common.core.measurement import SensorModel
-from lowsnr_common.settings.config import build_settings
-from lowsnr_common.settings.config import flat_values
+from lowsnr_common.settings.flat_values import build_settings
+from lowsnr_common.settings.flat_values import flat_values
 from lowsnr_detect.calibration.empty_frames import empty_frame_peaks
 from lowsnr_detect.calibration.empty_frames import Simulation
 from lowsnr_detect.calibration.operating_point import calibrate

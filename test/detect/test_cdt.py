@@ -1,4 +1,4 @@
-"""CDT is the closed form of a threshold on a normal number."""
+"""CDT has the closed form of a threshold on a normal number."""
 
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_detect.calibration.operating_point import calibrate

@@ -1,4 +1,4 @@
-"""CUSUM holds the best path of any start, and gives up an object that has gone."""
+"""CUSUM keeps the best path of any start, and stops declaring an object that has gone."""
 
 from dataclasses import replace
 import itertools
@@ -43,7 +43,7 @@ def test_sum_is_the_best_over_all_paths_and_starts(rng, drift):
     assert declared.peak == pytest.approx(expected.max())
 
 
-def test_outlier_is_given_up():
+def test_outlier_is_declared_for_a_few_frames_only():
     detector = CUSUM(sensor=SENSOR, threshold=6.0, headroom=5.0)
     frame = np.zeros((9, 9))
     frame[4, 4] = 1e6

@@ -1,4 +1,4 @@
-"""What detectors reach, at the same share of false alarms, on small Monte Carlo experiments."""
+"""Detection probabilities at the same false-alarm probability, by small Monte Carlo runs."""
 
 from dataclasses import replace
 
@@ -50,12 +50,12 @@ def detection_prob(detector, position, frames, runs=80, rng=None):
         if 0 <= scored < count:
             away = declared.state[..., [0, 2]] - position[:, scored, None]
             hits.append(np.any(np.hypot(away[..., 0], away[..., 1]) <= 1.5, axis=-1))
-    share = np.mean(hits, axis=0)
-    return share.mean(), share.std() / np.sqrt(RUNS)
+    fraction = np.mean(hits, axis=0)
+    return fraction.mean(), fraction.std() / np.sqrt(RUNS)
 
 
 @pytest.mark.slow
-def test_detectors_that_know_motion_pass_the_others_at_6_db():
+def test_detectors_with_a_motion_model_exceed_the_others_at_6_db():
     rng = np.random.default_rng(11)
     position, frames = simulated(MotionModes(**CLASS), 6.0, rng)
     sensor, motion = SensorModel(snr_db=6.0), MotionModes(**CLASS)
@@ -87,9 +87,9 @@ def test_sdt_at_9_db_is_the_known_figure(most, expected):
     assert prob == pytest.approx(expected, abs=4 * error + 0.02)
 
 
-def test_radius_2_recovers_an_object_of_two_cells_a_frame():
+def test_radius_2_detects_an_object_of_two_cells_a_frame():
     rng = np.random.default_rng(13)
-    # Eight frames in the frame, three of them to gather.
+    # The object is inside for eight frames; the first three fill the sums.
     position, frames = simulated(FAST, 12.0, rng, appears=7, last=14)
     slow, fast = (
         detection_prob(SDT(sensor=SensorModel(snr_db=12.0), max_iterations=3, radius=radius),

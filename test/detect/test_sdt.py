@@ -1,4 +1,4 @@
-"""SDT decides as the enumeration of every path does, and as CDT where it has one frame."""
+"""SDT decides as the enumeration of every path does, and with one frame as CDT does."""
 
 from dataclasses import replace
 import itertools
@@ -33,7 +33,7 @@ def declared_cells(detector, frames):
 
 
 def declare_all(detector, frames):
-    """Return what a detector declares of each frame (..., K, rows, cols)."""
+    """Return the declarations of each frame (..., K, rows, cols)."""
     state = detector.init((*frames.shape[:-3], *frames.shape[-2:]))
     answers = []
     for k in range(frames.shape[-3]):
@@ -121,7 +121,7 @@ def test_nominal_bounds_are_walds():
 
 @pytest.mark.parametrize('arrival', [3, 5, 20])
 def test_with_a_destination_the_best_of_all_paths_counts(rng, arrival):
-    # No path is dropped or closed: the bounds are out of reach.
+    # The bounds are out of reach, so that no path is dropped or declared early.
     to = Destination(probability=0.9, x_m=2.0, y_m=3.0, std_m=0.8, arrival_frame=arrival)
     detector = SDT(sensor=SENSOR, max_iterations=3, move_prior=True, destination=to,
                    threshold=1e6, beta=1e-200)

@@ -1,6 +1,7 @@
-"""Upper quantiles: counted where the sample shows them, read off its tail where not."""
+"""Upper quantiles: counted where the sample shows them, from the fitted tail elsewhere."""
 
 from lowsnr_detect.calibration.tail_quantile import upper_quantile
+from lowsnr_detect.calibration.tail_quantile import upper_quantiles
 import numpy as np
 import pytest
 from scipy.stats import norm
@@ -40,3 +41,15 @@ def test_rare_quantile_with_few_finite_values_is_finite(rng):
     values = np.full(5000, -np.inf)
     values[:60] = rng.exponential(size=60)
     assert 1.0 < upper_quantile(values, 1e-3) < 10.0
+
+
+def test_quantiles_are_found_together_as_one_by_one(rng):
+    # Counted ones, ones from the tail, and ones out of reach.
+    values = np.where(rng.random(8000) < 0.6, rng.exponential(size=8000), -np.inf)
+    probs = np.array([0.9, 0.59, 0.3, 0.02, 1e-2, 1e-3, 1e-6])
+    found = upper_quantiles(values, probs)
+    assert found.tolist() == [upper_quantile(values, prob) for prob in probs.tolist()]
+    finite = values[np.isfinite(values)]
+    assert found[2] == np.quantile(finite, 1.0 - 0.3 * 8000 / len(finite))
+    assert found[0] < finite.min()
+    assert np.all(np.diff(found) > 0.0)

@@ -89,9 +89,9 @@ def test_flat_likelihood_leaves_existence_and_modes_at_their_priors(rng, cls):
         assert found.mean() == pytest.approx(prob, abs=error)
         prob = EXISTENCE.birth_prob * (1 - prob) + (1 - EXISTENCE.death_prob) * prob
     exists = getattr(state, 'exists', np.ones(state.modes.shape, bool))
-    share = np.bincount(state.modes[exists], minlength=3) / exists.sum()
+    fraction = np.bincount(state.modes[exists], minlength=3) / exists.sum()
     # Resampling duplicates particles about ten times: there are fewer independent draws.
-    assert share == pytest.approx(np.full(3, 1 / 3), abs=4 * 0.47 / np.sqrt(exists.sum() / 10))
+    assert fraction == pytest.approx(np.full(3, 1 / 3), abs=4 * 0.47 / np.sqrt(exists.sum() / 10))
 
 
 def test_mode_chain_under_a_flat_likelihood_is_the_prior_chain(rng):
@@ -104,8 +104,8 @@ def test_mode_chain_under_a_flat_likelihood_is_the_prior_chain(rng):
     for _ in range(3):
         state, _ = detector.step(replace(state, log_odds=np.array(40.0)), flat, rng)
         expected = expected @ REST.mode_transition(1.0)
-        share = np.bincount(state.modes, minlength=3) / state.modes.size
-        assert share == pytest.approx(expected, abs=4 * 0.5 / np.sqrt(300_000))
+        fraction = np.bincount(state.modes, minlength=3) / state.modes.size
+        assert fraction == pytest.approx(expected, abs=4 * 0.5 / np.sqrt(300_000))
 
 
 @pytest.mark.parametrize(('several', 'single'), [(MMTBD1, TBD1), (MMTBD2, TBD2)])

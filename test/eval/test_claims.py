@@ -4,8 +4,8 @@ from dataclasses import replace
 
 from lowsnr_eval.report.study_report import claims_html
 from lowsnr_eval.report.study_report import claims_markdown
-from lowsnr_eval.study.claims import Claim
-from lowsnr_eval.study.claims import CLAIMS
+from lowsnr_eval.study.examples import Claim
+from lowsnr_eval.study.examples import CLAIMS
 from lowsnr_eval.study.examples import EXAMPLES
 from lowsnr_eval.study.run_scores import RunScores
 from lowsnr_eval.study.study import LEVELS

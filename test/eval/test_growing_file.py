@@ -4,7 +4,7 @@ from contextlib import closing
 import errno
 import shutil
 
-from conftest import fill
+from disk import fill
 from lowsnr_eval.scoring import growing_file
 from lowsnr_eval.scoring.growing_file import GrowingFile
 import pytest

@@ -1,4 +1,4 @@
-"""What viewers show, against pixels and points worked out by hand."""
+"""The overlay, against pixels and points worked out by hand."""
 
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.core.records import Estimate
@@ -42,7 +42,7 @@ def test_stretch_of_a_known_frame():
     assert np.array_equal(greys, np.clip((frame - 10.0) * 255.0 / 989.0, 0, 255).astype(np.uint8))
 
 
-def test_stretch_is_not_upset_by_one_bright_cell(rng):
+def test_one_bright_cell_leaves_the_greys_of_the_others(rng):
     frame = rng.standard_normal((100, 100))
     frame[3, 4] = 1e9
     greys = stretch(frame)
@@ -67,24 +67,24 @@ def test_cells_become_squares_of_their_grey(rng):
 
 @pytest.mark.parametrize(('shape', 'expected'), [
     ((20, 20), (480, 480, 3)), ((256, 320), (512, 640, 3)), ((1024, 768), (1024, 768, 3))])
-def test_overlay_is_large_enough_to_look_at(shape, expected):
+def test_longer_side_of_an_overlay_has_the_least_length(shape, expected):
     picture = draw(np.zeros(shape, dtype=np.uint8), Scene(), ViewSettings())
     assert picture.shape == expected
 
 
-def test_truth_is_a_circle_around_its_place():
+def test_truth_is_a_circle_around_its_position():
     places = coloured(draw(GREY, Scene(truth=[estimate(3.0, 2.0)]), SETTINGS), TRUTH)
     # 1.5 times a mark's reach, which is 0.6 cells.
     assert np.hypot(*(places - (3.0, 2.0)).T) == pytest.approx(0.9, abs=0.06)
     assert len(places) > 2 * np.pi * 0.9 * ZOOM
 
 
-def test_detection_is_a_square_around_its_place():
+def test_detection_is_a_square_around_its_position():
     places = coloured(draw(GREY, Scene(detections=[estimate(1.0, 4.0)]), SETTINGS), DETECTION)
     assert np.abs(places - (1.0, 4.0)).max(axis=1) == pytest.approx(0.6, abs=0.06)
 
 
-def test_places_in_metres_are_drawn_in_their_cells():
+def test_positions_in_metres_are_drawn_in_their_cells():
     settings = ViewSettings(side=ROWS * ZOOM, sensor=SensorModel(cell_size_m=0.5))
     places = coloured(draw(GREY, Scene(truth=[estimate(1.5, 1.0)]), settings), TRUTH)
     assert places.mean(axis=0) == pytest.approx([3.0, 2.0], abs=0.02)
@@ -110,7 +110,7 @@ def test_ellipse_lies_where_the_covariance_says():
             assert pixel((2.0, 3.0) + 1.15 * side * direction) == (100, 100, 100)
 
 
-def test_stroke_of_a_track_ends_where_it_will_be():
+def test_stroke_of_a_track_ends_at_its_predicted_position():
     settings = ViewSettings(side=ROWS * ZOOM, sensor=SensorModel(frame_period_s=0.5))
     track = estimate(1.0, 5.0, velocity=(4.0, -6.0))
     picture = draw(GREY, Scene(tracks=[track]), settings)
@@ -133,7 +133,7 @@ def test_trail_goes_through_the_past():
     assert ((np.abs(places[:, 1] - 1.0) < 0.06) | (np.abs(places[:, 0] - 2.0) < 0.06)).all()
 
 
-def test_trails_are_forgotten():
+def test_trails_end_after_the_given_frames():
     trails = Trails(3)
     for k in range(1000):
         past = trails.add([estimate(0.0, 0.0, name=str(k))])
@@ -143,7 +143,7 @@ def test_trails_are_forgotten():
     assert trails.add([]) == {}
 
 
-def test_what_has_no_place_or_no_covariance_is_left_out():
+def test_estimate_without_position_or_covariance_is_left_out():
     unknown = Estimate(np.full(4, np.nan), np.full((4, 4), np.nan), 0.5, 'nowhere')
     nothing = Scene([unknown], [unknown], [unknown], {'1': np.full((2, 4), np.nan)})
     assert (draw(GREY, nothing, SETTINGS) == 100).all()
@@ -152,13 +152,13 @@ def test_what_has_no_place_or_no_covariance_is_left_out():
     assert len(coloured(draw(GREY, Scene(tracks=[placed]), SETTINGS), TRACK)) > 50
 
 
-def test_what_lies_far_outside_is_not_seen_and_harms_nothing():
+def test_estimate_far_outside_the_frame_changes_no_pixel():
     far = [estimate(1e300, -1e300, 1e300 * np.eye(2), 'far', velocity=(1e300, 0.0))]
     assert (draw(GREY, Scene(far, far, (), {}), SETTINGS) == 100).all()
     assert draw(GREY, Scene(tracks=far), SETTINGS).shape == (ROWS * ZOOM, COLS * ZOOM, 3)
 
 
-def test_covariance_that_is_none_is_drawn_as_a_line():
+def test_singular_covariance_is_drawn_as_a_line():
     # An eigenvalue below 0, as rounding leaves it, is 0.
     points = ellipse(estimate(1.0, 1.0, np.diag([1.0, -1e-9])), 2.0)
     assert points[:, 0].max() == pytest.approx(3.0)

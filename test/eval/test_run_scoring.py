@@ -82,8 +82,9 @@ def test_frame_is_scored_when_all_chains_have_answered(scorer, tmp_path):
 
 
 def test_without_truth_only_declarations_are_counted(scorer, tmp_path):
-    one = scorer(truth=False, detectors=('cdt', 'sdt'), namespaces=True,
-                operating_points=('nominal', 'matched'))
+    one = scorer(
+        truth=False, detectors=('cdt', 'sdt'), namespaces=True,
+        operating_points=('nominal', 'matched'))
     assert one.topics == ['cdt/detections', 'cdt/tracks', 'sdt/detections', 'sdt/tracks']
     for k in (1, 2):
         for topic in one.topics:

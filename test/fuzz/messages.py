@@ -1,4 +1,4 @@
-"""Messages with any values that their types allow, in whatever state of disrepair."""
+"""Messages with any values that their types allow, sound or not."""
 
 import array
 
@@ -22,7 +22,7 @@ ENCODINGS = {
     '32fc1': 4, ' 32FC1': 4}
 SIZES = [0, 1, 2, 3, 5, 7, 16, 255, 65536, 2**31, 2**32 - 1]
 sizes = st.sampled_from(SIZES[1:7]) | st.sampled_from(SIZES) | st.integers(0, 2**32 - 1)
-# What a cell of each kind of image may be, beside what its bytes happen to be.
+# Values of cells that arithmetic may not survive.
 _FLOATS = np.array([0.0, 1e-45, 1e-30, 3.4e38, -3.4e38, np.nan, np.inf, -np.inf], '<f4')
 
 
@@ -35,7 +35,7 @@ def stamped(stamp_ns: int) -> Header:
 
 @st.composite
 def pixels(draw: st.DrawFn, length: int, of_size: int) -> bytes:
-    """Return as many bytes: noise, all alike, or numbers with some that are none."""
+    """Return that many bytes: noise, all equal, or numbers of which some are not finite."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     how = draw(st.integers(0, 3))
     if how == 0:
@@ -52,7 +52,7 @@ def pixels(draw: st.DrawFn, length: int, of_size: int) -> bytes:
 
 @st.composite
 def images(draw: st.DrawFn) -> Image:
-    """Return an image, whole in about a half of the draws."""
+    """Return an image, well-formed in about half of the draws."""
     encoding = draw(st.sampled_from(['32FC1'] * 6 + list(ENCODINGS)) | names.filter(sendable))
     item = ENCODINGS.get(encoding, 4)
     whole = draw(st.booleans())
@@ -71,7 +71,7 @@ def images(draw: st.DrawFn) -> Image:
 
 
 def sendable(name: str) -> bool:
-    """Whether a message can hold a name as it is."""
+    """Return whether a message can hold a name unchanged."""
     return '\0' not in name
 
 
@@ -121,7 +121,7 @@ def odometries(draw: st.DrawFn) -> Odometry:
     return item
 
 
-# Stamps that rise, stand still, fall, are before all time, or at its end.
+# Stamps that rise, repeat, fall, are negative, or are the largest there are.
 steps_ns = st.sampled_from([1_000_000_000] * 6 + [1, 0, -1, -10**9, 10**12, 2**61])
 stamps_ns = st.integers(1, 30).map(lambda k: k * 10**9) | st.sampled_from(
     [0, 1, -1, -10**9, -2**31 * 10**9, 2**31 * 10**9 - 1])

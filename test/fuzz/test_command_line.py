@@ -1,4 +1,4 @@
-"""Any arguments of any script are taken, or end it with one line and a usage error."""
+"""Any arguments of any script are accepted, or end it with one line and a usage error."""
 
 import contextlib
 import io
@@ -38,7 +38,7 @@ values = (numbers | whole).map(lambda n: f'{n:g}' if isinstance(n, float) else s
 
 @st.composite
 def commands(draw, scripts=tuple(OPTIONS)):
-    """Return a script and arguments for it."""
+    """Draw a script and arguments for it."""
     script = draw(st.sampled_from(scripts))
     words = draw(st.lists(st.tuples(
         st.sampled_from(OPTIONS[script]), st.lists(values, max_size=2)), max_size=4))
@@ -47,26 +47,26 @@ def commands(draw, scripts=tuple(OPTIONS)):
 
 
 def parsed(script, arguments):
-    """Return the options; None where the script ends with a line that says why."""
-    said = io.StringIO()
+    """Return the options, or None if the script ends with a line that names the culprit."""
+    stderr = io.StringIO()
     try:
-        with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()):
+        with contextlib.redirect_stderr(stderr), contextlib.redirect_stdout(io.StringIO()):
             return script.parse_arguments(arguments)
     except SystemExit as end:
         code = end.code
     assert code in (0, USAGE)
-    assert 'Traceback' not in said.getvalue()
+    assert 'Traceback' not in stderr.getvalue()
     return None
 
 
 @fuzz('command lines', 900, command=commands())
-def test_arguments_are_taken_or_refused(command):
+def test_arguments_are_accepted_or_refused(command):
     parsed(*command)
 
 
 @pytest.fixture
 def config(monkeypatch):
-    """Have the configuration read once, not for every plan."""
+    """Read the configuration once, not for every plan."""
     whole_config = config_files.load_config(bringup.CONFIG)
     monkeypatch.setattr(run_plan, 'load_config', lambda folder: whole_config)
 

@@ -1,4 +1,4 @@
-"""Images with any header and any data become an array, or are refused in one line."""
+"""An image with any header and any data becomes an array, or is rejected in one line."""
 
 from fuzz.counting import fuzz
 from fuzz.counting import tried
@@ -10,7 +10,7 @@ import numpy as np
 
 
 @fuzz('images', 1500, image=images())
-def test_image_becomes_an_array_or_is_refused(image):
+def test_image_becomes_an_array_or_is_rejected(image):
     array, frame = tried('', image_to_array, image), tried('', image_to_frame, image)
     if array is not None:
         assert array.shape == (image.height, image.width)

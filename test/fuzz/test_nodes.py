@@ -1,4 +1,4 @@
-"""Whatever is published, no node stops, throws or grows."""
+"""No message stops a node, raises in it or makes it grow."""
 
 from functools import partial
 import gc
@@ -6,7 +6,6 @@ import os
 from pathlib import Path
 
 from fuzz.counting import fuzz
-from fuzz.counting import GIVEN
 from fuzz.messages import arrays
 from fuzz.messages import images
 from fuzz.messages import odometries
@@ -22,18 +21,19 @@ from lowsnr_eval.viewer_node import ViewerNode
 from lowsnr_sensor.conditioner_node import ConditionerNode
 from lowsnr_track.tracker_node import TrackerNode
 import numpy as np
-from onlooker import ros_context
 import pytest
 from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
 from rclpy.serialization import serialize_message
+from ros_nodes import ros_context
+from tally import INPUTS
 
 pytestmark = pytest.mark.filterwarnings('ignore::RuntimeWarning')
 NANO = 1_000_000_000
 
 
 class Feed:
-    """Hands messages to the callbacks of a node as they come out of the middleware."""
+    """Hand messages to the callbacks of a node as the middleware does."""
 
     def __init__(self, node):
         self.node, self.stamp_ns = node, NANO
@@ -43,13 +43,13 @@ class Feed:
         stamp_ns = self.stamp_ns + step_ns
         self.stamp_ns = stamp_ns if 0 < stamp_ns < 2**60 else self.stamp_ns + NANO
         message.header = stamped(min(max(stamp_ns, -2**31 * NANO), 2**31 * NANO - 1))
-        # Numbers that overflow a message are not to be had from the middleware.
+        # As in the middleware, a message holds only numbers of its own types.
         self.callbacks[topic](deserialize_message(serialize_message(message), type(message)))
 
 
 @pytest.fixture
 def feed(request, place):
-    """Return the feed of the node that the test names, one for all of its inputs."""
+    """Return the feed of the node that the test names; all of its inputs share it."""
     make, values = NODES[request.param]
     with ros_context() as context:
         node = make(context=context, parameter_overrides=[
@@ -87,45 +87,45 @@ def message(topic):
     return odometries() if topic.endswith('odometry') else arrays()
 
 
-def told_on(*topics):
-    """Return a strategy of step [ns], topic and message, a few of them."""
+def sequences(*topics):
+    """Return a strategy of a few triples of step [ns], topic and message."""
     return st.lists(st.sampled_from(topics).flatmap(
         lambda topic: st.tuples(steps_ns, st.just(topic), message(topic))), min_size=1, max_size=4)
 
 
 @pytest.mark.parametrize('feed', DETECTORS, indirect=True)
-@fuzz('images to detectors', 72, told=told_on('image_raw'))
-def test_detector_answers_every_frame(feed, told):
-    for each in told:
+@fuzz('images to detectors', 72, sent=sequences('image_raw'))
+def test_detector_answers_every_frame(feed, sent):
+    for each in sent:
         feed(*each)
     assert feed.node.counts['in'] == feed.node.counts['out']
 
 
 @pytest.mark.parametrize('feed', ['conditioner'], indirect=True)
-@fuzz('messages to the conditioner', 180, told=told_on(*TOPICS['conditioner']))
-def test_conditioner_goes_on(feed, told):
-    for each in told:
+@fuzz('messages to the conditioner', 180, sent=sequences(*TOPICS['conditioner']))
+def test_conditioner_goes_on(feed, sent):
+    for each in sent:
         feed(*each)
 
 
 @pytest.mark.parametrize('feed', ['tracker'], indirect=True)
-@fuzz('messages to the tracker', 180, told=told_on(*TOPICS['tracker']))
-def test_tracker_answers_every_array(feed, told):
-    for each in told:
+@fuzz('messages to the tracker', 180, sent=sequences(*TOPICS['tracker']))
+def test_tracker_answers_every_array(feed, sent):
+    for each in sent:
         feed(*each)
 
 
 @pytest.mark.parametrize('feed', ['viewer'], indirect=True)
-@fuzz('messages to the viewer', 180, told=told_on(*TOPICS['viewer']))
-def test_viewer_goes_on(feed, told):
-    for each in told:
+@fuzz('messages to the viewer', 180, sent=sequences(*TOPICS['viewer']))
+def test_viewer_goes_on(feed, sent):
+    for each in sent:
         feed(*each)
 
 
 @pytest.mark.parametrize('feed', ['evaluator'], indirect=True)
-@fuzz('messages to the evaluator', 180, told=told_on(*TOPICS['evaluator']))
-def test_evaluator_goes_on(feed, told):
-    for each in told:
+@fuzz('messages to the evaluator', 180, sent=sequences(*TOPICS['evaluator']))
+def test_evaluator_goes_on(feed, sent):
+    for each in sent:
         feed(*each)
     feed.node.trigger_deactivate()
     feed.node.trigger_activate()
@@ -146,7 +146,7 @@ def drawn(topic):
 
 
 def resident_bytes():
-    """Return the memory that this process has."""
+    """Return the resident memory of this process [bytes]."""
     gc.collect()
     return int(Path('/proc/self/statm').read_text().split()[1]) * os.sysconf('SC_PAGE_SIZE')
 
@@ -160,9 +160,9 @@ def test_nodes_do_not_grow(feed, rng):
         for _ in range(count):
             topic = rng.choice(sorted(sent))
             feed(NANO // 10, topic, sent[topic][rng.integers(len(sent[topic]))])
-        GIVEN['messages against growth'] += count
+        INPUTS['messages against growth'] += count
         return resident_bytes() - start
 
     warm_up = send(500)
-    # What is kept of every message, more than 2 kB of it, would show.
+    # A node that keeps more than 6 kB of every message would fail.
     assert send(700) <= max(warm_up, 0) + 2**22

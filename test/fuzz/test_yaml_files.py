@@ -1,4 +1,4 @@
-"""YAML of any kind is taken, or refused with one line that names it."""
+"""YAML of any kind is accepted, or refused with one line that names the file."""
 
 import copy
 import functools
@@ -17,7 +17,7 @@ from lowsnr_bringup.plan.config_files import load_config
 from lowsnr_bringup.plan.config_files import parse_override
 from lowsnr_bringup.plan.graph import known_nodes
 from lowsnr_bringup.plan.graph import settings_classes
-from lowsnr_common.settings.config import declared_settings
+from lowsnr_common.settings.declare import declared_settings
 from lowsnr_sensor.scenario import load_scenario
 import pytest
 import yaml
@@ -29,7 +29,7 @@ BOMB = 'a: &a [x, x, x, x, x, x, x, x, x, x]\n' + ''.join(
 MERGE_BOMB = 'a: &a {x: 1}\n' + ''.join(
     f'{new}: &{new} {{<<: [{", ".join([f"*{old}"] * 10)}]}}\n'
     for old, new in zip('abcdefgh', 'bcdefghi'))
-# What YAML can say that no setting means.
+# YAML that is no value of any setting.
 NASTY = [
     '', '\0', '\t', '---', '--- 1\n--- 2', '...', '&a [*a]', '&a {b: *a}', '? &a [*a]\n: 1',
     '&a {*a : 1}', '*a', '<<: 1', '{<<: [1]}', '!!python/object:os.system x', '!!python/name:os',
@@ -56,14 +56,14 @@ SETTINGS = sorted({
 
 @functools.cache
 def shipped(path):
-    """Return the bytes of a file and what it holds."""
+    """Return the bytes of a file and its content."""
     data = path.read_bytes()
     return data, yaml.safe_load(data)
 
 
 @st.composite
 def files(draw, paths):
-    """Return the bytes of a file: any, any YAML, or a shipped one damaged or with a part new."""
+    """Draw the bytes of a file: any bytes, any YAML, or a shipped file, damaged or changed."""
     data, tree = shipped(draw(st.sampled_from(paths)))
     how = draw(st.integers(0, 6))
     if how == 0:
@@ -72,19 +72,19 @@ def files(draw, paths):
         return draw(nasty | dumped).encode('utf-8', 'surrogatepass')
     if how == 2:
         return draw(damaged(data))
-    if how == 3:  # a number that agrees with itself
+    if how == 3:  # another number, wherever the old one is
         old = draw(st.sampled_from(sorted(set(re.findall(rb'\b\d+\b', data)))))
         return data.replace(old, str(draw(whole | numbers)).encode())
     tree = copy.deepcopy(tree)
     replace_somewhere(draw, tree)
     text = yaml.safe_dump(tree)
-    if how == 4:  # in place of a value, what no dump would write
+    if how == 4:  # instead of a value, a text that no dump would write
         text = text.replace('PLACE', draw(nasty))
     return text.encode('utf-8', 'surrogatepass')
 
 
 def replace_somewhere(draw, tree):
-    """Put another value, or another key, somewhere into a tree."""
+    """Put another value or key somewhere into a tree."""
     node = tree
     while True:
         keys = list(node) if isinstance(node, dict) else list(range(len(node)))
@@ -101,7 +101,7 @@ def replace_somewhere(draw, tree):
 
 @pytest.fixture
 def config(place):
-    """Return a folder with parameter files that say nothing."""
+    """Return a folder with empty parameter files."""
     for name in CONFIG_FILES:
         (place / name).touch()
     return place
@@ -109,7 +109,7 @@ def config(place):
 
 @fuzz('parameter files', 420, name=st.sampled_from(CONFIG_FILES),
       data=files([CONFIG / name for name in CONFIG_FILES]))
-def test_parameter_file_is_read_or_refused(config, name, data):
+def test_parameter_file_is_accepted_or_refused(config, name, data):
     (config / name).write_bytes(data)
     try:
         found = tried(config / name, load_config, config)
@@ -121,7 +121,7 @@ def test_parameter_file_is_read_or_refused(config, name, data):
 
 
 @fuzz('scenario files', 900, data=files(SCENARIOS))
-def test_scenario_file_is_read_or_refused(place, data):
+def test_scenario_file_is_accepted_or_refused(place, data):
     path = place / 'scenario.yaml'
     path.write_bytes(data)
     tried(path, load_scenario, path)
@@ -129,7 +129,7 @@ def test_scenario_file_is_read_or_refused(place, data):
 
 @fuzz('overrides', 900, target=st.sampled_from(SETTINGS) | st.tuples(wild_names, wild_names),
       value=nasty | dumped | wild_names)
-def test_override_is_taken_or_refused(target, value):
+def test_override_of_any_setting_is_accepted_or_refused(target, value):
     node, key = target
     detectors = [name.removesuffix('_detector') for name in known_nodes() if '_detector' in name]
     text = f'{node.removesuffix("_detector")}.{key}={value}'
@@ -137,5 +137,5 @@ def test_override_is_taken_or_refused(target, value):
 
 
 @fuzz('overrides', 300, text=wild_names | nasty)
-def test_anything_is_taken_or_refused_as_an_override(text):
+def test_any_override_is_accepted_or_refused(text):
     tried('--set ', parse_override, text, ['sdt'])

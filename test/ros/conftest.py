@@ -1,16 +1,16 @@
-"""ROS contexts of their own, so that tests do not see each other's nodes."""
+"""A ROS context for each test, so that tests do not discover each other's nodes."""
 
 from node_client import NodeClient
-from onlooker import ros_context
 import pytest
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.parameter import Parameter
+from ros_nodes import ros_context
 
 
 @pytest.fixture
 def context():
-    """Return an initialised context on a domain of this test process."""
+    """Return an initialised context on the domain of this test process."""
     with ros_context() as own:
         yield own
 
@@ -20,7 +20,7 @@ def spin(context):
     """Return a function that spins nodes until a condition holds, and fails where it does not."""
     executor = SingleThreadedExecutor(context=context)
 
-    def until(condition, *nodes, within=400):
+    def until(condition, *nodes, within=1600):
         for node in nodes:
             executor.add_node(node)
         for _ in range(within):
@@ -55,8 +55,8 @@ def started(context, spin, tmp_path, monkeypatch):
 
 @pytest.fixture
 def log(monkeypatch):
-    """Return what nodes log."""
-    said = []
+    """Return the messages that nodes log."""
+    lines = []
     monkeypatch.setattr(
-        RcutilsLogger, 'log', lambda self, message, *_, **__: said.append(message) or True)
-    return said
+        RcutilsLogger, 'log', lambda self, message, *_, **__: lines.append(message) or True)
+    return lines

@@ -1,4 +1,4 @@
-"""The detector node answers every frame once, and malformed ones empty."""
+"""The detector node publishes one array for every frame, an empty one for a malformed frame."""
 
 from diagnostic_msgs.msg import DiagnosticArray
 from lowsnr_common.ros import messages
@@ -41,7 +41,7 @@ def bright_frame(stamp_s, shape=SHAPE):
     return messages.frame_to_image(frame, header)
 
 
-def test_frames_are_answered_and_malformed_ones_answered_empty(detector, client, spin):
+def test_every_frame_gets_one_array_and_a_malformed_one_an_empty_array(detector, client, spin):
     answers, reports = [], []
     client.create_subscription(Detection2DArray, 'detections', answers.append, 10)
     client.create_subscription(DiagnosticArray, '/diagnostics', reports.append, 10)

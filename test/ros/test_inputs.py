@@ -14,7 +14,6 @@ from lowsnr_sensor.sensor_node import SensorNode
 from lowsnr_track.tracker_node import TrackerNode
 from nav_msgs.msg import Odometry
 import numpy as np
-from onlooker import onlooker
 import pytest
 from rclpy.clock import ClockType
 from rclpy.node import Node
@@ -22,6 +21,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy
 from rclpy.qos import qos_profile_sensor_data
 from rclpy.qos import QoSProfile
+from ros_nodes import spun_node
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 from vision_msgs.msg import Detection2D
@@ -79,7 +79,7 @@ def test_reader_that_cannot_be_reached_is_named_with_the_policy(other, said):
 
 
 def test_publisher_of_another_type_is_named(said):
-    with onlooker('stranger') as (stranger, _):
+    with spun_node('stranger') as (stranger, _):
         stranger.create_publisher(Odometry, 'detections', DEPTH)
         said('/detections: not heard is /stranger, which publishes nav_msgs/msg/Odometry, '
              'not vision_msgs/msg/Detection2DArray', level=DiagnosticStatus.ERROR)

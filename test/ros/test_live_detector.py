@@ -1,6 +1,6 @@
 """Parameters set on running detector nodes, through the services that ``ros2 param`` calls."""
 
-from lowsnr_common.settings.config import changed
+from lowsnr_common.settings.flat_values import changed
 from lowsnr_common.settings.node_settings import DetectionSettings
 from lowsnr_detect.calibration.operating_point import calibrated
 import lowsnr_detect.detectors  # noqa: F401  (has every detector register itself)

@@ -1,8 +1,8 @@
 """ROS parameters are what the settings class declares."""
 
 from lowsnr_common.ros.parameters import declare
-from lowsnr_common.settings.config import declared_settings
-from lowsnr_common.settings.config import flat_values
+from lowsnr_common.settings.declare import declared_settings
+from lowsnr_common.settings.flat_values import flat_values
 from lowsnr_detect.detectors.sdt import SDT
 from lowsnr_track.pda_mmpf import PdaMmpf
 import pytest

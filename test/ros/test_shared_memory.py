@@ -4,7 +4,6 @@ import os
 from pathlib import Path
 import subprocess
 import sys
-import time
 
 from graph_runs import graph_environment
 from graph_runs import own_domain
@@ -53,7 +52,7 @@ def locks():
     assert lived
 
 
-@pytest.mark.parametrize('made_s', [1.0, time.time() + 1e6])  # long ago; before a set-back clock
+@pytest.mark.parametrize('made_s', [1.0, 4e9], ids=['long ago', 'before the clock was set back'])
 def test_only_segments_of_processes_that_are_gone_are_removed(locks, made_s):
     gone, kept = locks
     assert gone
@@ -62,7 +61,7 @@ def test_only_segments_of_processes_that_are_gone_are_removed(locks, made_s):
         segment_of(lock).touch()
         lock.touch()
         os.utime(lock, (made_s, made_s))
-    assert clear_leftovers() >= len(gone)
+    clear_leftovers()  # unless a graph of another test has removed them already
     assert not any(lock.exists() or segment_of(lock).exists() for lock in gone)
     assert all(lock.exists() and segment_of(lock).exists() for lock in kept)
 

@@ -1,4 +1,4 @@
-"""What the tests of the environment share."""
+"""A checkout without an environment, for the tests of the environment."""
 
 from pathlib import Path
 import shutil
@@ -6,7 +6,7 @@ import shutil
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-# As if started by an older Python, once: what is started in its place is what it is.
+# The first start pretends to be an older Python; the one that replaces it does not.
 SCRIPT = """
 import os, sys
 if os.environ.pop('OLD_PYTHON', ''):

@@ -1,4 +1,4 @@
-"""The environment: which Python is chosen, and how each fault ends."""
+"""The environment: which Python a script uses, and how each fault ends it."""
 
 import ast
 from contextlib import contextmanager
@@ -28,7 +28,7 @@ ROS = ('rclpy', 'diagnostic_msgs', 'geometry_msgs', 'lifecycle_msgs', 'nav_msgs'
 
 @pytest.fixture
 def ros(tmp_path):
-    """Return a folder that looks like an installed ROS 2 with all that is needed, on a path."""
+    """Return a folder that looks like an installed ROS 2 with all packages."""
     folder = tmp_path / 'ros'
     for name in ROS:
         (folder / name).mkdir(parents=True)
@@ -44,7 +44,7 @@ def ros(tmp_path):
 
 @contextmanager
 def started(checkout, **environ):
-    """Start the script with a Python that has no ROS 2; end all that is left of it at the end."""
+    """Start the script with a Python that has no ROS 2; end all its processes at the end."""
     dropped = {'PYTHONPATH', 'ROS_DISTRO', 'CC', 'CXX'}
     kept = {key: value for key, value in _steps.environ().items() if key not in dropped}
     process = subprocess.Popen(
@@ -61,7 +61,7 @@ def started(checkout, **environ):
 
 
 def left_of(checkout):
-    """Return the processes that have the checkout in their command line."""
+    """Return the ids of the processes that have the checkout in their command line."""
     found = []
     for path in Path('/proc').glob('[0-9]*/cmdline'):
         with suppress(FileNotFoundError, ProcessLookupError):
@@ -71,14 +71,14 @@ def left_of(checkout):
 
 
 def run(checkout, **environ):
-    """Run the script to its end; return exit code, output and the lines of complaint."""
+    """Run the script to its end; return exit code, stdout and the lines on stderr."""
     with started(checkout, **environ) as process:
         out, errors = process.communicate(timeout=60)
         return process.returncode, out, errors.splitlines()
 
 
 def wait_for(process, text):
-    """Read the lines of complaint up to the one with this text."""
+    """Read the lines on stderr up to the one with this text."""
     for line in process.stderr:
         if text in line:
             return
@@ -86,7 +86,7 @@ def wait_for(process, text):
 
 
 def seconds(code):
-    """Return the least time that a start of Python with this code takes."""
+    """Return the shortest time of five starts of Python with this code [s]."""
     times = []
     for _ in range(5):
         start = time.perf_counter()
@@ -100,7 +100,7 @@ def test_second_start_costs_less_than_ten_of_python_itself():
     assert seconds(code + '_environment.ensure()') < 10.0 * seconds('pass')
 
 
-def test_script_goes_on_in_the_environment_of_the_tests():
+def test_script_restarts_in_the_environment_of_the_tests():
     code = (f'import sys; sys.path.insert(0, {str(ROOT / "scripts")!r}); import _environment; '
             '_environment.ensure(dev=True); import lowsnr_sensor, vision_msgs.msg; '
             'print(sys.prefix, sys.argv)')
@@ -111,7 +111,7 @@ def test_script_goes_on_in_the_environment_of_the_tests():
     assert done.stderr == ''
 
 
-def test_installed_ros_is_used_as_it_is(checkout, ros):
+def test_complete_ros_is_used_as_it_is(checkout, ros):
     code, out, errors = run(checkout, PYTHONPATH=str(ros), PATH='')
     assert (code, errors) == (0, [])
     assert out == (f'{sys.base_prefix} {checkout / "src" / "lowsnr_any"}{os.pathsep}{ros} '
@@ -123,18 +123,19 @@ def test_only_what_an_installed_ros_lacks_is_added(checkout, ros):
     shutil.rmtree(ros / 'tqdm-1.dist-info')
     code, _, errors = run(checkout, PYTHONPATH=str(ros), PATH='', **NO_NETWORK)
     assert code == 1
-    assert errors[1:3] == ['[1/3] making the virtual environment', '[2/3] installing 1 packages']
+    assert [line[:5] for line in errors[1:3]] == ['[1/3]', '[2/3]']
+    assert ' 1 package' in errors[2]
     settings = (checkout / '.venv' / 'pyvenv.cfg').read_text()
     assert 'include-system-site-packages = true' in settings
     assert 'tqdm==' in (checkout / '.venv' / 'requirements.txt').read_text()
 
 
 @pytest.mark.parametrize(('spoil', 'environ', 'message'), [
-    ('vision_msgs', {}, 'lacks packages: sudo apt-get install ros-jazzy-vision-msgs'),
-    ('rclpy/_rclpy*', {}, 'start with the Python it is for'),
-    ('nothing', {'ROS_DISTRO': 'humble'}, 'ROS 2 humble is sourced, this needs Jazzy'),
+    ('vision_msgs', {}, 'sudo apt-get install ros-jazzy-vision-msgs'),
+    ('rclpy/_rclpy*', {}, sys._base_executable),
+    ('nothing', {'ROS_DISTRO': 'humble'}, 'humble'),
 ])
-def test_installed_ros_of_no_use_is_refused(checkout, ros, spoil, environ, message):
+def test_unusable_ros_is_refused(checkout, ros, spoil, environ, message):
     for path in ros.glob(spoil):
         path.rename(ros / 'away')
     code, _, errors = run(checkout, PYTHONPATH=str(ros), **environ)
@@ -144,21 +145,20 @@ def test_installed_ros_of_no_use_is_refused(checkout, ros, spoil, environ, messa
     assert not (checkout / '.venv').exists()
 
 
-def test_compiler_is_missed_before_anything_is_made(checkout):
+def test_missing_compiler_ends_the_script_before_anything_is_made(checkout):
     code, _, errors = run(checkout, PATH='')
-    assert code == 2
-    assert errors == ['lowsnr: a C and C++ compiler must be there: sudo apt-get install g++']
+    assert (code, len(errors)) == (2, 1)
+    assert 'sudo apt-get install g++' in errors[0]
     assert not (checkout / '.venv').exists()
 
 
-def test_old_python_says_what_to_install(checkout):
+def test_old_python_names_the_versions_to_install(checkout):
     code, _, errors = run(checkout, OLD_PYTHON='1', PATH='')
-    assert code == 2
-    assert len(errors) == 1
-    assert 'Python 3.9 cannot be used: install 3.11, 3.12 or 3.13' in errors[0]
+    assert (code, len(errors)) == (2, 1)
+    assert not [version for version in ('3.9', '3.11', '3.12', '3.13') if version not in errors[0]]
 
 
-def test_old_python_goes_on_with_another(checkout, tmp_path):
+def test_old_python_restarts_in_another(checkout, tmp_path):
     shim = tmp_path / 'shims' / 'python3.12'  # first on the path, but refuses
     usable = tmp_path / 'bin' / 'python{}.{}'.format(*sys.version_info)
     for path in (shim, usable):
@@ -169,8 +169,9 @@ def test_old_python_goes_on_with_another(checkout, tmp_path):
     path = os.pathsep.join([str(shim.parent), str(usable.parent)])
     code, _, errors = run(checkout, OLD_PYTHON='1', PATH=path)
     assert code == 2
-    assert errors[0] == f'lowsnr: Python 3.9 cannot be used, going on with {usable}'
-    assert 'compiler' in errors[1]
+    assert 'Python 3.9 ' in errors[0]
+    assert errors[0].endswith(f' {usable}')
+    assert 'g++' in errors[1]
 
 
 @pytest.mark.parametrize('script', SCRIPTS, ids=lambda path: path.name)
@@ -188,12 +189,12 @@ def test_second_of_two_starts_waits_for_the_first(checkout):
     with started(checkout, **NO_NETWORK) as first:
         wait_for(first, '[1/5]')
         with started(checkout, **NO_NETWORK) as second:
-            wait_for(second, 'another start prepares .venv, waiting for it')
+            wait_for(second, 'waiting')
             wait_for(first, '[2/5]')
             last = first.communicate(timeout=60)[1].splitlines()[-1]
             wait_for(second, '[1/5]')
     assert first.returncode == 1
-    assert 'the package index cannot be reached' in last
+    assert 'package index' in last
     assert str(checkout / '.venv.log') in last
     assert not (checkout / '.venv' / 'complete.json').exists()
 
@@ -205,12 +206,13 @@ def test_interrupt_leaves_no_process(checkout, number):
         process.send_signal(number)
         errors = process.communicate(timeout=5)[1]
         assert process.returncode == 128 + number
-        assert errors == 'lowsnr: interrupted; the next start begins anew\n'
+        assert errors.count('\n') == 1
+        assert errors.startswith('lowsnr: interrupted')
         time.sleep(0.5)  # for the system to end what was killed
         assert left_of(checkout) == []
 
 
-def test_killed_start_is_mended_by_the_next(checkout):
+def test_start_after_a_killed_one_begins_again(checkout):
     with started(checkout) as process:
         wait_for(process, '[1/5]')
         while len(left_of(checkout)) < 2:
@@ -218,11 +220,11 @@ def test_killed_start_is_mended_by_the_next(checkout):
         process.kill()
         process.wait()
         with started(checkout) as second:
-            wait_for(second, 'waiting for it')  # for the step that goes on by itself
+            wait_for(second, 'waiting')  # for the step, which outlives the killed start
             wait_for(second, '[1/5]')
 
 
-def test_folder_that_cannot_be_written_is_named(checkout):
+def test_log_that_cannot_be_written_is_named(checkout):
     (checkout / '.venv.log').mkdir()
     code, _, errors = run(checkout)
     assert code == 2

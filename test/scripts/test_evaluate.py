@@ -1,4 +1,4 @@
-"""Recorded runs are scored without a node: the live run's figures, or what can be said at all."""
+"""Recorded runs and interrupted ones are scored without a node, with the figures of a live run."""
 
 import json
 import os
@@ -100,12 +100,12 @@ def test_bag_that_another_program_recorded_is_scored(recorded, tmp_path, mode, p
     assert (summary['scenario'], list(summary['detectors'])) == ('other', ['sdt'])
     theirs = json.loads((live / 'summary.json').read_text())['detectors']['sdt']['tracking']
     ours = summary['detectors']['sdt']['tracking']
-    # The bag does not tell that hits were to lie within two cells: only GOSPA is the same.
+    # The bag does not hold the gate of two cells: only GOSPA is the same.
     assert ours['gospa_m'] == theirs['gospa_m']
     assert ours['declared'] == theirs['declared'] > 0
 
 
-def test_without_truth_what_was_declared_is_counted(recorded, tmp_path):
+def test_without_truth_declarations_are_counted(recorded, tmp_path):
     bag, live = recorded
     done = evaluate(copied(bag, tmp_path / 'other', ['/sdt/detections', '/sdt/tracks']),
                     '--results', tmp_path / 'run')
@@ -150,33 +150,50 @@ def test_arrays_without_odometry_are_scored_by_position(tmp_path):
     assert (levels['tracking']['hits'], levels['tracking']['false_alarms']) == (0, 5)
 
 
-@pytest.mark.parametrize(('topics', 'arguments', 'said'), [
-    ({'/tracks': ('1', 0.0)}, [], 'has neither truth nor detections'),
-    ({'/marked': ('1', 0.0)}, [], f'has neither detections nor tracks of type {ARRAY}'),
+@pytest.mark.parametrize(('topics', 'arguments', 'names'), [
+    ({'/tracks': ('1', 0.0)}, [], ['truth', 'detections']),
+    ({'/marked': ('1', 0.0)}, [], ['detections', 'tracks', ARRAY]),
     ({'/detections': ('', 0.0), '/marked': ('a', 0.0)}, ['--truth-topic', '/true'],
-     '/true of type vision_msgs/msg/Detection2DArray; --truth-topic can be /detections, /marked'),
+     ['/true', ARRAY, '--truth-topic', '/detections', '/marked']),
 ])
-def test_bag_that_cannot_be_scored_ends_with_one_line(tmp_path, topics, arguments, said):
+def test_bag_that_cannot_be_scored_ends_with_one_line(tmp_path, topics, arguments, names):
     bag = detection_bag(tmp_path / 'bag', topics)
-    check_refused(evaluate(bag, *arguments, '--results', tmp_path / 'run'), said, tmp_path)
+    check_rejected(evaluate(bag, *arguments, '--results', tmp_path / 'run'), tmp_path, *names)
 
 
-@pytest.mark.parametrize(('data', 'said'), [
-    (b'', 'is empty (zero bytes)'), (b'words', 'is neither MCAP nor SQLite'),
-    (b'\x89MCAP0\r\n', 'cannot be read')])
-def test_what_is_no_bag_ends_with_one_line(tmp_path, data, said):
+@pytest.mark.parametrize('data', [b'', b'words', b'\x89MCAP0\r\n'])
+def test_file_that_is_no_bag_ends_with_one_line(tmp_path, data):
     (tmp_path / 'bag.mcap').write_bytes(data)
-    check_refused(
-        evaluate(tmp_path / 'bag.mcap', '--results', tmp_path / 'run'), said, tmp_path)
+    check_rejected(evaluate(tmp_path / 'bag.mcap', '--results', tmp_path / 'run'), tmp_path)
 
 
-def check_refused(done, said, folder):
-    """Check status, the one line that names the bag, and that nothing was written."""
+def check_rejected(done, folder, *names):
+    """Check status, the one line that names the bag and more, and that nothing was written."""
     assert (done.returncode, done.stdout) == (2, '')
     assert done.stderr.startswith(f'evaluate.py: {folder}/bag')
     assert len(done.stderr.splitlines()) == 1
-    assert said in done.stderr
+    assert all(name in done.stderr for name in names)
     assert not (folder / 'run').exists()
+
+
+def test_run_whose_bringup_was_killed_gets_its_summary_and_report(tmp_path):
+    with start_bringup(tmp_path / 'run', '--detector', 'cdt', '--loop', '--lockstep',
+                       domain_id=own_domain()) as run:
+        run.wait_for_rows(40)
+        run.process.kill()
+        run.wait_until_none_is_left(within_s=60.0)
+    assert not (run.results / 'summary.json').exists()
+    done = evaluate(run.results)
+    assert (done.returncode, done.stderr) == (0, '')
+    frames = run.summary()['frames']
+    assert frames['scored'] == len(run.rows()) // 2 >= 20
+    assert f'{frames["scored"]} scored' in done.stdout
+    assert (run.results / 'report.html').is_file()
+    # Options that say where results go and what to read are for bags.
+    again = evaluate(run.results, '--results', tmp_path / 'other')
+    assert (again.returncode, again.stdout) == (2, '')
+    assert str(run.results) in again.stderr
+    assert not (tmp_path / 'other').exists()
 
 
 def test_damaged_bag_is_scored_up_to_the_damage(recorded, tmp_path):
@@ -184,7 +201,7 @@ def test_damaged_bag_is_scored_up_to_the_damage(recorded, tmp_path):
     (tmp_path / 'bag.mcap').write_bytes(data[:-100])
     done = evaluate(tmp_path / 'bag.mcap', '--results', tmp_path / 'run')
     assert done.returncode == 0
-    assert 'is damaged or was not closed' in done.stderr
+    assert f'{tmp_path}/bag.mcap' in done.stderr
     assert f'{FRAMES} scored' in done.stdout
 
 

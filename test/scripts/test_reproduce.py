@@ -181,7 +181,7 @@ def test_interrupted_study_keeps_its_runs_and_continues(reference, tmp_path):
 
 
 def workers_of(process):
-    """Return the worker processes, without multiprocessing's own process beside them."""
+    """Return the worker processes, without the resource tracker of multiprocessing."""
     return [child for child in psutil.Process(process.pid).children()
             if 'spawn_main' in ' '.join(child.cmdline())]
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.core.records import Malformed
-from lowsnr_common.settings.config import flat_values
-from lowsnr_common.settings.config import flatten
+from lowsnr_common.settings.flat_values import flat_values
+from lowsnr_common.settings.flat_values import flatten
 from lowsnr_common.settings.node_settings import TruthSettings
 from lowsnr_detect.calibration.operating_point import calibrated
 from lowsnr_detect.parts.registry import detector_class

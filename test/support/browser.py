@@ -21,7 +21,7 @@ _KEYS = {'ArrowLeft': 37, 'ArrowRight': 39}
 
 
 class Browser:
-    """One page of a browser; ``requests`` are the addresses it asked for."""
+    """One page of a browser; ``requests`` are the addresses that it requested."""
 
     def __init__(self, orders: int, answers: int) -> None:
         self._orders, self._answers = orders, answers
@@ -37,7 +37,7 @@ class Browser:
             self.call(f'{domain}.enable')
 
     def call(self, method: str, **params: Any) -> dict[str, Any]:
-        """Give an order and return its answer; what happens meanwhile is noted."""
+        """Send a command and return its answer; record the events that come before it."""
         self._number += 1
         order = {'id': self._number, 'method': method, 'params': params, **self._session}
         os.write(self._orders, json.dumps(order).encode() + b'\0')
@@ -54,7 +54,7 @@ class Browser:
             assert time.monotonic() < until, 'the page does not load'
 
     def value(self, expression: str) -> Any:
-        """Return what a JavaScript expression gives in the page."""
+        """Return the value of a JavaScript expression in the page."""
         answer = self.call('Runtime.evaluate', expression=expression, returnByValue=True)
         assert 'exceptionDetails' not in answer, answer
         return answer['result'].get('value')
@@ -76,7 +76,7 @@ class Browser:
                       windowsVirtualKeyCode=_KEYS[key])
 
     def screenshot(self, path: Path) -> None:
-        """Write a picture of what is seen."""
+        """Write a picture of the visible part of the page."""
         path.write_bytes(base64.b64decode(self.call('Page.captureScreenshot')['data']))
 
     def _read(self) -> dict[str, Any]:
@@ -103,7 +103,7 @@ class Browser:
 def browser(program: str, profile: Path) -> Iterator[Browser]:
     """Start a browser with a profile of its own; it ends with the block."""
     (reading, orders), (answers, writing) = os.pipe(), os.pipe()
-    # The browser reads from file 3 and writes to file 4; its ends must not lie there already.
+    # The browser reads from file 3 and writes to file 4, so its ends must have other numbers.
     ends = [fcntl.fcntl(end, fcntl.F_DUPFD, 10) for end in (reading, writing)]
     process = subprocess.Popen(
         ['bash', '-c', f'exec "$0" "$@" 3<&{ends[0]} 4>&{ends[1]}', program, *_FLAGS,
@@ -114,7 +114,7 @@ def browser(program: str, profile: Path) -> Iterator[Browser]:
     try:
         yield Browser(orders, answers)
     finally:
-        os.close(orders)  # a browser without orders ends
+        os.close(orders)  # the browser ends when its input does
         try:
             process.wait(10.0)
         except subprocess.TimeoutExpired:

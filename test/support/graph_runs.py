@@ -1,42 +1,84 @@
-"""Start the real graph for a test, on a domain of its own, and see that nothing is left."""
+"""Start the real graph for a test, on a ROS domain of its own, and check that it ends."""
 
 import csv
 from dataclasses import dataclass
+import fcntl
+import functools
 import json
 import os
 from pathlib import Path
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from typing import Self
 
 ROOT = Path(__file__).resolve().parents[2]
 BRINGUP = ROOT / 'scripts' / 'bringup.py'
-# Domains for tests, away from those that people and benchmarks use; their ports lie below those
+# Domains for tests, away from those that people and benchmarks use.  Their ports lie below those
 # that the system gives to sockets that ask for any.
 _DOMAINS = range(51, 97)
-_ENDS_WITHIN_S = 120.0
+# Generous, because the other tests that run at the same time take the cores too.
+_ENDS_WITHIN_S = 240.0
+_ROWS_WITHIN_S = 120.0
+_RESTARTS_WITHIN_S = 120.0
+_LEAVES_WITHIN_S = 30.0
+_CLAIMS: list[int] = []  # open lock files; the claims end with this process
 
 
 def graph_environment(domain_id: int) -> dict[str, str]:
-    """Return the environment of a graph that only this test can see."""
+    """Return the environment of a graph that only this test can reach."""
     return os.environ | {
         'ROS_DOMAIN_ID': str(domain_id), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
 
 
+@functools.cache
 def own_domain(other: int = 0) -> int:
     """
-    Return a ROS domain that no other test process on this machine is likely to use.
+    Return a ROS domain that no other test process of this user on this machine has.
 
-    Graphs that run at the same time take the others, counted from 0.
+    Each worker of a parallel test run is such a process.  A lock file for every domain holds the
+    claim until this process ends.
+
+    Parameters
+    ----------
+    other
+        Which of the process's domains: graphs that run at the same time take one each.
+
     """
-    return _DOMAINS[(os.getpid() + 37 * other) % len(_DOMAINS)]
+    for n in range(len(_DOMAINS)):
+        domain = _DOMAINS[(os.getpid() + n) % len(_DOMAINS)]
+        path = Path(tempfile.gettempdir(), f'lowsnr-{os.getuid()}-test-domain-{domain}.lock')
+        claim = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW, 0o600)
+        try:
+            fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(claim)
+        else:
+            _CLAIMS.append(claim)
+            return domain
+    raise AssertionError(f'all ROS domains in {_DOMAINS} are taken by other tests')
+
+
+def node_processes(results: Path) -> list[tuple[str, int]]:
+    """Return the last part of the module, and the process id, of every node of a run."""
+    found = []
+    for entry in Path('/proc').glob('[0-9]*'):
+        try:
+            # The title of a forked node has spaces where a command line has zeros.
+            command = (entry / 'cmdline').read_bytes().replace(b'\0', b' ').decode()
+        except OSError:  # it has ended
+            continue
+        if ' -m ' in command and str(results) in command:
+            module = command.partition(' -m ')[2].split()[0]
+            found.append((module.rpartition('.')[2], int(entry.name)))
+    return found
 
 
 @dataclass
 class GraphRun:
-    """A started ``bringup.py`` and the folder of its results; in ``with`` it ends with that."""
+    """A started ``bringup.py`` and the folder of its results; a ``with`` block ends it."""
 
     process: subprocess.Popen
     results: Path
@@ -57,16 +99,16 @@ class GraphRun:
         return json.loads((self.results / 'summary.json').read_text())
 
     def rows(self) -> list[str]:
-        """Return the lines of ``frames.csv`` without its header."""
+        """Return the rows of ``frames.csv`` without its header."""
         path = self.results / 'frames.csv'
         return path.read_text().splitlines()[1:] if path.is_file() else []
 
-    def wait_for_rows(self, count: int, within_s: float = 60.0) -> None:
-        """Wait until this many lines are scored."""
+    def wait_for_rows(self, count: int, within_s: float = _ROWS_WITHIN_S) -> None:
+        """Wait until ``frames.csv`` has this many rows."""
         until = time.monotonic() + within_s
         while len(self.rows()) < count:
             assert self.process.poll() is None, self.finish()
-            assert time.monotonic() < until, f'{len(self.rows())} lines after {within_s} s'
+            assert time.monotonic() < until, f'{len(self.rows())} rows after {within_s} s'
             time.sleep(0.02)
 
     def nodes(self) -> dict[str, int]:
@@ -75,19 +117,8 @@ class GraphRun:
 
     def processes(self) -> list[tuple[str, int]]:
         """Return the last part of the module, and the process id, of every node that runs."""
-        found = []
-        for entry in Path('/proc').iterdir():
-            if not entry.name.isdigit() or int(entry.name) == self.process.pid:
-                continue
-            try:
-                # The title of a forked node has spaces where a command line has zeros.
-                command = (entry / 'cmdline').read_bytes().replace(b'\0', b' ').decode()
-            except OSError:
-                continue
-            if ' -m ' in command and str(self.results) in command:
-                module = command.partition(' -m ')[2].split()[0]
-                found.append((module.rpartition('.')[2], int(entry.name)))
-        return found
+        return [(module, pid) for module, pid in node_processes(self.results)
+                if pid != self.process.pid]
 
     def restarts(self) -> list[dict[str, str]]:
         """Return the rows of ``restarts.csv``."""
@@ -98,23 +129,23 @@ class GraphRun:
         """Send a node a signal."""
         os.kill(self.nodes()[module], number)
 
-    def wait_for_restarts(self, count: int, within_s: float = 90.0) -> None:
-        """Wait until so many nodes are back."""
+    def wait_for_restarts(self, count: int, within_s: float = _RESTARTS_WITHIN_S) -> None:
+        """Wait until this many nodes have been restarted."""
         until = time.monotonic() + within_s
         while len(self.restarts()) < count:
             assert self.process.poll() is None, self.finish()
             assert time.monotonic() < until, f'{self.restarts()} after {within_s} s'
             time.sleep(0.02)
 
-    def wait_until_none_is_left(self, within_s: float = 5.0) -> None:
-        """Fail where a node still runs after this time."""
+    def wait_until_none_is_left(self, within_s: float = _LEAVES_WITHIN_S) -> None:
+        """Wait until no node of the run is left; fail after this time."""
         until = time.monotonic() + within_s
         while self.nodes():
             assert time.monotonic() < until, f'left behind: {self.nodes()}'
             time.sleep(0.05)
 
     def end(self) -> None:
-        """End whatever still runs, by process id."""
+        """Kill what still runs of it, by process id."""
         for pid in [*(pid for _, pid in self.processes()), self.process.pid]:
             if pid != self.process.pid or self.process.poll() is None:
                 os.kill(pid, signal.SIGKILL)
@@ -124,7 +155,7 @@ class GraphRun:
 
 
 def start_bringup(results: Path, *arguments: str, domain_id: int) -> GraphRun:
-    """Start ``bringup.py`` with its results in a folder of the test."""
+    """Start ``bringup.py``, which writes its results into the folder given."""
     process = subprocess.Popen(
         [sys.executable, str(BRINGUP), '--results', str(results), *arguments],
         env=graph_environment(domain_id), stdout=subprocess.PIPE, stderr=subprocess.PIPE,
@@ -133,7 +164,7 @@ def start_bringup(results: Path, *arguments: str, domain_id: int) -> GraphRun:
 
 
 def run_bringup(*arguments: str) -> subprocess.CompletedProcess:
-    """Run ``bringup.py`` to its end; for what never starts a node."""
+    """Run ``bringup.py`` to its end; for command lines that it refuses."""
     return subprocess.run(
         [sys.executable, str(BRINGUP), *arguments], env=graph_environment(own_domain()),
         capture_output=True, text=True, timeout=60.0, check=False)

@@ -1,8 +1,8 @@
-"""Another program beside a node under test: it sets parameters, and sends and hears messages."""
+"""A program beside a node in the process of a test: it sets parameters and exchanges messages."""
 
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.ros import messages
-from lowsnr_common.settings.config import declared_settings
+from lowsnr_common.settings.declare import declared_settings
 import numpy as np
 from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.srv import DescribeParameters
@@ -20,7 +20,7 @@ SHAPE = (7, 5)
 
 
 class NodeClient:
-    """Another program, which sets the parameters of a node and follows what it says."""
+    """A node that sets the parameters of the node under test and receives what it publishes."""
 
     def __init__(self, context, spin, node):
         self.own, self.spin, self.node = Node('client', context=context), spin, node

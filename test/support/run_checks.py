@@ -1,12 +1,12 @@
-"""What every run must hold that went through faults."""
+"""What must hold of a run after faults."""
 
 import signal
 
-from intruder import FUTURE_S
+from graph_client import FUTURE_S
 
 
 def check_end(run, code):
-    """Check how a run ended, that nothing is left of it, and that no node broke."""
+    """Check a run's exit code, that nothing of it is left, and that no node raised."""
     status, out, err = run.finish()
     assert status == code, err
     run.wait_until_none_is_left()
@@ -16,7 +16,7 @@ def check_end(run, code):
 
 
 def interrupt(run):
-    """End a run by Ctrl-C; return the number of lines that were scored before."""
+    """End a run by Ctrl-C; return the number of rows that were scored before."""
     lines = len(run.rows())
     run.process.send_signal(signal.SIGINT)
     return lines
@@ -24,10 +24,10 @@ def interrupt(run):
 
 def check_frames(run, lines, loose=3):
     """
-    Check that every frame of the source is scored, and all but so many are answered.
+    Check that every frame of the source is scored, and that at most `loose` have no answer.
 
-    The stamps of the source are whole seconds.  A loop that is ended leaves frames on their way,
-    so that answers are looked for in the first lines.
+    The stamps of the source are whole seconds.  The end of a loop leaves frames on their way, so
+    that only frames in the first `lines` rows must have an answer.
     """
     rows = [row.split(',') for row in run.rows()]
     answered = {}
@@ -39,19 +39,19 @@ def check_frames(run, lines, loose=3):
     assert frames['published'] == frames['scored'] + frames['unanswered'] + frames['unseen']
     assert frames['published'] >= len(answered)
     early = {float(row[1]) for row in rows[:lines]}
-    silent = [stamp for stamp, said in answered.items() if not said and stamp in early]
+    silent = [stamp for stamp, found in answered.items() if not found and stamp in early]
     assert len(silent) <= loose, silent
     return len(answered)
 
 
-def wait_for_all_scored(run, intruder):
-    """Wait until the evaluator has scored what the source has published by now."""
-    newest = intruder.newest_s('/image_raw')
-    intruder.wait(lambda: run.rows() and float(run.rows()[-1].split(',')[1]) > newest)
+def wait_for_all_scored(run, client):
+    """Wait until the evaluator has scored all frames that the source has published by now."""
+    newest = client.newest_s('/image_raw')
+    client.wait(lambda: run.rows() and float(run.rows()[-1].split(',')[1]) > newest)
 
 
 def first_answer_after(run, stamp_s):
-    """Return the number of the first line with an answer of the tracks to a frame after a time."""
+    """Return the number of the first row in which a frame after a time has tracks; 0 if none."""
     rows = [row.split(',') for row in run.rows()]
     return next((n for n, row in enumerate(rows, start=1) if float(row[1]) > stamp_s
                  and float(row[1]) < FUTURE_S and row[3] == 'tracking' and row[5]), 0)

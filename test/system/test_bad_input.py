@@ -1,84 +1,116 @@
-"""What cannot be run: exit 2, one line that names culprit and mend, nothing written."""
+"""A run that cannot start ends with code 2 and one line that names the culprit and a remedy."""
 
+import sys
+
+import bringup
+from graph_runs import own_domain
 from graph_runs import run_bringup
 from keystores import empty_keystore
 import pytest
 
+USAGE = 2
+LONG = 300 * 'x'  # too long for the name of a file
 SCENARIO = 'objects: [{id: a, first_frame: 1, last_frame: 9, start: {x_m: 3.0, y_m: 3.0}, legs: '
 
 
-@pytest.mark.parametrize(('arguments', 'said'), [
-    (['--detector', 'stt'], 'did you mean sdt?'),
-    (['--scenario', 'exmaple3'], 'did you mean example3?'),
-    (['--snr', 'loud'], "'loud' is not a number"),
-    (['--snr', 'nan'], "'nan' is not a number"),
-    (['--frames', '0'], "'0' is not a whole number of at least 1"),
-    (['--set', 'sdt.max_iteration=3'], 'did you mean max_iterations?'),
-    (['--set', 'sdt.max_iterations=3.5'], 'must be a whole number in [1, 64]'),
-    (['--set', 'cdt.alpha=0.1'], 'cdt is not one of sdt, sensor, tracker, evaluator'),
-    (['--set', 'sensor.sensor.noise_std=0'], 'must be a number in (0.0, inf)'),
-    (['--lockstep', '--rate', '5'], 'not allowed with argument'),
-    (['--camera', '/camera/image_raw', '--replay', 'bag'], 'not allowed with argument --camera'),
-    (['--camera', '/camera/image_raw', '--lockstep'], '--lockstep: not allowed with --camera'),
-    (['--camera', '/camera/image_raw', '--camera-within', '0'], "'0' is not a number above 0"),
-    (['--domain-id', 'x'], "'x' is not a whole number"),
-    (['--domain-id', '233'], "ROS_DOMAIN_ID = '233', must be a whole number in [0, 232]"),
-])
-def test_bad_option_ends_with_one_line(tmp_path, arguments, said):
-    check_refused(run_bringup('--results', str(tmp_path / 'run'), *arguments), said, tmp_path)
+@pytest.fixture
+def refusal(monkeypatch, capsys, tmp_path):
+    """Return a function that gives ``bringup.py`` arguments and returns its only line."""
+    for name in ('PYTHONPATH', 'AMENT_PREFIX_PATH'):  # the command adds to them
+        monkeypatch.setenv(name, '')
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(own_domain()))
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+
+    def run(*arguments):
+        monkeypatch.setattr(
+            sys, 'argv', ['bringup.py', '--results', str(tmp_path / 'run'), *arguments])
+        try:
+            code = bringup.main()
+        except SystemExit as end:
+            code = end.code
+        out, err = capsys.readouterr()
+        assert (code, out, err.count('\n')) == (USAGE, '', 1), err
+        assert not (tmp_path / 'run').exists()
+        return err
+
+    return run
 
 
-@pytest.mark.parametrize(('text', 'said'), [
-    (SCENARIO + '[{until_frame: 9, speed_mps: 3.0}]}]', 'object a leaves the frame at frame 7'),
-    (SCENARIO + '[{until_frame: 9, speed: 1.0}]}]', 'did you mean speed_mps?'),
-    (SCENARIO + '[{until_frame: nine}]}]', "until_frame = 'nine', must be a whole number"),
-    ('frames: [', 'not YAML'),
-    ('- 1', 'must be a mapping'),
+BAD_OPTIONS = [
+    (['--detector', 'stt'], ['stt', ' sdt?']),
+    (['--scenario', 'exmaple3'], ['exmaple3', ' example3?']),
+    (['--snr', 'loud'], ['--snr', "'loud'"]),
+    (['--snr', 'nan'], ['--snr', "'nan'"]),
+    (['--frames', '0'], ['--frames', "'0'", ' 1']),
+    (['--set', 'sdt.max_iteration=3'], ['sdt.max_iteration=3', ' max_iterations?']),
+    (['--set', 'sdt.max_iterations=3.5'], ['sdt.max_iterations=3.5', '[1, 64]']),
+    (['--set', 'cdt.alpha=0.1'], ['cdt.alpha=0.1', ' sdt, ', ' sensor', ' tracker', ' evaluator']),
+    (['--set', 'sensor.sensor.noise_std=0'], ['sensor.sensor.noise_std=0', '(0.0, inf)']),
+    (['--lockstep', '--rate', '5'], ['--lockstep', '--rate']),
+    (['--camera', '/camera/image_raw', '--replay', 'bag'], ['--camera', '--replay']),
+    (['--camera', '/camera/image_raw', '--lockstep'], ['--camera', '--lockstep']),
+    (['--camera', '/camera/image_raw', '--camera-within', '0'], ['--camera-within', "'0'"]),
+    (['--scenario', LONG], [LONG]),
+    (['--replay', LONG], [LONG]),
+    (['--secure', LONG], [LONG]),
+    (['--domain-id', 'x'], ['--domain-id', "'x'"]),
+    (['--domain-id', '233'], ["'233'", '[0, 232]']),
+]
+
+
+@pytest.mark.parametrize(('arguments', 'words'), BAD_OPTIONS)
+def test_bad_option_is_named_with_the_alternatives(refusal, arguments, words):
+    line = refusal(*arguments)
+    assert not [word for word in words if word not in line], line
+
+
+@pytest.mark.parametrize(('arguments', 'words'), [BAD_OPTIONS[0], BAD_OPTIONS[3]])
+def test_process_ends_with_the_usage_code_and_the_same_line(refusal, tmp_path, arguments, words):
+    done = run_bringup('--results', str(tmp_path / 'run'), *arguments)
+    assert (done.returncode, done.stdout) == (USAGE, '')
+    assert done.stderr == refusal(*arguments)
+
+
+@pytest.mark.parametrize(('text', 'words'), [
+    (SCENARIO + '[{until_frame: 9, speed_mps: 3.0}]}]', ['object a ', 'frame 7']),
+    (SCENARIO + '[{until_frame: 9, speed: 1.0}]}]', ['speed ', ' speed_mps?']),
+    (SCENARIO + '[{until_frame: nine}]}]', ["until_frame = 'nine'"]),
+    ('frames: [', ['YAML']),
+    ('- 1', ['map']),
 ])
-def test_bad_scenario_file_ends_with_one_line(tmp_path, text, said):
+def test_bad_scenario_file_is_named_with_its_fault(refusal, tmp_path, text, words):
     path = tmp_path / 'bad.yaml'
     path.write_text(text)
-    done = run_bringup('--results', str(tmp_path / 'run'), '--scenario', str(path))
-    check_refused(done, said, tmp_path)
-    assert str(path) in done.stderr
+    line = refusal('--scenario', str(path))
+    assert not [word for word in (str(path), *words) if word not in line], line
 
 
-def test_results_folder_that_cannot_be_made_ends_with_one_line(tmp_path):
+def test_results_folder_that_cannot_be_made_is_named(refusal, tmp_path):
     (tmp_path / 'file').touch()
-    done = run_bringup('--results', str(tmp_path / 'file' / 'run'))
-    check_refused(done, str(tmp_path / 'file'), tmp_path)
-    assert '--results' in done.stderr
+    line = refusal('--results', str(tmp_path / 'file' / 'run'))
+    assert str(tmp_path / 'file') in line
+    assert '--results' in line
 
 
-def test_folder_that_is_no_keystore_ends_with_one_line(tmp_path):
-    done = run_bringup('--results', str(tmp_path / 'run'), '--secure', str(tmp_path))
-    check_refused(done, f'{tmp_path}: is not a keystore', tmp_path)
-    assert f'ros2 security create_keystore {tmp_path}\n' in done.stderr
+def test_folder_that_is_no_keystore_is_named_with_the_command_that_makes_one(refusal, tmp_path):
+    line = refusal('--secure', str(tmp_path))
+    assert line.startswith(f'bringup.py: {tmp_path}: ')
+    assert line.endswith(f'ros2 security create_keystore {tmp_path}\n')
 
 
-def test_enclaves_that_are_lacking_end_with_one_line(tmp_path):
-    keys = empty_keystore(tmp_path / 'keys', ['/bringup', '/evaluator', '/cdt/tracker', '/sensor'])
-    done = run_bringup('--results', str(tmp_path / 'run'), '--detector', 'cdt', 'sdt', '--secure',
-                       str(keys))
-    check_refused(
-        done, 'lacks the enclaves /cdt/cdt_detector, /sdt/tracker, /sdt/sdt_detector: ', tmp_path)
+def test_missing_enclaves_are_named_with_the_commands_that_make_them(refusal, tmp_path):
+    made = ['/bringup', '/evaluator', '/cdt/tracker', '/sensor']
+    keys = empty_keystore(tmp_path / 'keys', made)
+    line = refusal('--detector', 'cdt', 'sdt', '--secure', str(keys))
     for node in ('/cdt/cdt_detector', '/sdt/tracker', '/sdt/sdt_detector'):
-        assert f'ros2 security create_enclave {keys} {node}' in done.stderr
+        assert f'ros2 security create_enclave {keys} {node}' in line
+    for node in made:
+        assert f'create_enclave {keys} {node} ' not in f'{line.rstrip()} '
 
 
-def test_enclaves_that_no_middleware_takes_end_with_one_line(tmp_path):
+def test_enclave_that_the_middleware_does_not_take_is_named(refusal, tmp_path):
     keys = empty_keystore(
         tmp_path / 'keys', ['/bringup', '/evaluator', '/tracker', '/cdt_detector', '/sensor'])
-    done = run_bringup('--results', str(tmp_path / 'run'), '--detector', 'cdt', '--secure',
-                       str(keys))
-    check_refused(
-        done, 'the middleware does not start a node in its enclave (/bringup: ', tmp_path)
-
-
-def check_refused(done, said, folder):
-    """Check status, the one line, and that no results folder was made."""
-    assert done.returncode == 2
-    assert done.stdout == ''
-    assert len(done.stderr.splitlines()) == 1
-    assert said in done.stderr
-    assert not (folder / 'run').exists()
+    line = refusal('--detector', 'cdt', '--secure', str(keys))
+    assert '--secure' in line
+    assert '(/bringup: ' in line

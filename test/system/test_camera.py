@@ -1,4 +1,4 @@
-"""A run on a live camera: a process of its own that comes and goes."""
+"""A run on a live camera, which is a process of its own that stops and starts."""
 
 import os
 import signal
@@ -21,7 +21,7 @@ RUN = ('--camera', TOPIC, '--detector', 'cdt', '--set', 'cdt.operating_point=man
 
 @pytest.fixture
 def camera():
-    """Return a function that starts a camera; those that still run end with the test."""
+    """Return a function that starts a camera; the test's end stops those that still run."""
     started = []
     sources = [str(ROOT / 'src' / name) for name in ('lowsnr_common', 'lowsnr_sensor')]
     environment = graph_environment(own_domain()) | {
@@ -46,13 +46,13 @@ def camera():
 
 
 def end(process):
-    """Unplug a camera."""
+    """Stop a camera without notice."""
     process.kill()
     process.wait()
 
 
-def hearing(pid):
-    """Return the addresses at which a process hears other nodes."""
+def receiving(pid):
+    """Return the addresses at which a process receives from other nodes."""
     first = 7400 + 250 * own_domain()  # of the ports of a domain
     bound = [item.laddr for item in psutil.Process(pid).net_connections('udp4')]
     return {address.ip for address in bound if first <= address.port < first + 250}
@@ -83,20 +83,20 @@ def test_run_outlives_the_camera_and_a_detector(bringup, camera, tmp_path):
     run.wait_for_rows(2 * 30)
     answered = {round(1e9 * float(row.split(',')[1])) for row in run.rows()}
     end(first)
-    camera()  # its stamps begin again, and the recorder may find it later than others do
+    camera()  # its stamps begin again, and the recorder may discover it later than others do
     run.wait_for_rows(len(run.rows()) + 2 * 30)
     run.kill('detector_node')
     run.wait_for_restarts(1)
     run.wait_for_rows(len(run.rows()) + 2 * 30)
-    out, err = interrupted(run)
-    assert 'cdt_detector is back after' in err
-    assert f' topics in {bag}, ' in out
+    out, _ = interrupted(run)
+    assert [row['node'] for row in run.restarts()] == ['cdt_detector']
+    assert str(bag) in out
     assert run.summary()['detectors']['cdt']['detection']['declared'] > 0
     check_that_all_that_was_answered_is_recorded(bag, answered)
 
 
 def check_that_all_that_was_answered_is_recorded(bag, answered):
-    """Check that each of these frames is in a bag, with all that was made of it."""
+    """Check that each of these frames is in a bag, with what the nodes made of it."""
     with Bag(bag) as recorded:
         stamps = {name: {stamp_key(recorded.read(message).header.stamp)
                          for message in recorded.messages({name})}
@@ -110,17 +110,17 @@ def test_detector_comes_back_while_the_camera_is_away(bringup, camera):
     first = camera()
     run = bringup(*RUN, '--condition', 'off', '--view')
     run.wait_for_rows(2 * 30)
-    assert hearing(run.process.pid) == {'127.0.0.1'}
+    assert receiving(run.process.pid) == {'127.0.0.1'}
     end(first)
     run.kill('detector_node')
     run.wait_for_restarts(1)
-    assert run.restarts()[0]['node'] == 'cdt_detector'
     camera()
     run.wait_for_rows(len(run.rows()) + 2 * 30)
-    out, err = interrupted(run)
-    assert err.count('it is started again') == 1
-    assert 'frames without truth' in out
-    assert run.summary()['detectors']['cdt']['tracking']['pd'] is None
+    interrupted(run)
+    assert [row['node'] for row in run.restarts()] == ['cdt_detector']
+    tracking = run.summary()['detectors']['cdt']['tracking']
+    assert tracking['pd'] is None
+    assert tracking['frames_without_truth'] > 0
     assert (run.results / 'report.html').stat().st_size > 0
 
 
@@ -128,7 +128,7 @@ def test_camera_that_is_not_there_ends_with_one_line(tmp_path):
     done = run_bringup('--camera', TOPIC, '--camera-within', '0.5', '--results',
                        str(tmp_path / 'run'))
     assert (done.returncode, done.stdout) == (2, '')
-    assert done.stderr.startswith(f'bringup.py: {TOPIC}: nobody publishes it, and ')
-    assert f'start the camera, on ROS domain {own_domain()}' in done.stderr
+    assert TOPIC in done.stderr
+    assert f'ROS domain {own_domain()}' in done.stderr
     assert done.stderr.count('\n') == 1
     assert not (tmp_path / 'run').exists()

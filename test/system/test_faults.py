@@ -4,6 +4,8 @@ import os
 import signal
 import time
 
+from graph_runs import own_domain
+from graph_runs import start_bringup
 import pytest
 
 FRAMES_BEFORE = 10
@@ -18,22 +20,24 @@ def test_a_killed_node_is_named_and_ends_the_run(bringup, victim):
     code, _, err = run.finish()
     label = {'detector_node': 'cdt_detector'}.get(victim, victim.removesuffix('_node'))
     assert code == 1
-    assert f'{label} was killed by SIGKILL' in err
+    assert [line for line in err.splitlines() if label in line and 'SIGKILL' in line]
     assert f'{label}.log' in err
     assert 'Traceback' not in err
     run.wait_until_none_is_left()
     assert len(run.rows()) >= 2 * FRAMES_BEFORE
 
 
-def test_ctrl_c_ends_a_run_as_soon_as_it_started_and_keeps_the_scores(bringup):
+def test_ctrl_c_ends_a_run_sooner_than_two_starts_and_keeps_scores_and_report(bringup):
     ends_s, starts_s = zip(*(start_and_end(bringup, f'run {n}') for n in range(3)), strict=True)
-    assert min(ends_s) < min(starts_s)  # what else the machine does only adds
+    # The least of three, because other load on the machine only adds.  An end that waits for a
+    # node that does not answer takes several starts.
+    assert min(ends_s) < 2.0 * min(starts_s)
 
 
 def start_and_end(bringup, results):
     """Start a run and end it by Ctrl-C; return how long its end and its start took [s]."""
     start = time.monotonic()
-    run = bringup('--detector', 'sdt', '--loop', '--lockstep', results=results)
+    run = bringup('--detector', 'cdt', '--loop', '--lockstep', results=results)
     run.wait_for_rows(2 * FRAMES_BEFORE)
     started = time.monotonic()
     run.process.send_signal(signal.SIGINT)
@@ -45,24 +49,34 @@ def start_and_end(bringup, results):
     frames = run.summary()['frames']
     assert frames['scored'] >= FRAMES_BEFORE
     assert frames['scored'] == len(run.rows()) // 2
+    report = run.results / 'report.html'
+    assert str(report) in out
+    assert '<canvas' in report.read_text()
     return ended - started, started - start
 
 
-def test_second_run_on_the_same_domain_is_refused(bringup):
-    first = bringup('--detector', 'cdt', '--loop', '--rate', '50')
-    first.wait_for_rows(2)
-    second = bringup('--detector', 'cdt', results='second')
+@pytest.fixture(scope='module')
+def running(tmp_path_factory):
+    """Return a run that goes on until somebody ends it."""
+    with start_bringup(
+            tmp_path_factory.mktemp('running') / 'run', '--detector', 'cdt', '--loop',
+            '--rate', '50', domain_id=own_domain()) as run:
+        run.wait_for_rows(2 * FRAMES_BEFORE)
+        yield run
+
+
+def test_second_run_on_the_same_domain_is_refused(running, bringup):
+    before = running.nodes()
+    second = bringup('--detector', 'cdt')
     code, out, err = second.finish()
     assert (code, out, len(err.splitlines())) == (2, '', 1)
-    assert 'another run uses ROS domain' in err
+    assert f'ROS domain {own_domain()}' in err
     assert not second.results.exists()
-    first.process.send_signal(signal.SIGINT)
-    assert first.finish()[0] == 130
+    running.wait_for_rows(len(running.rows()) + 20)
+    assert running.nodes() == before
 
 
-def test_nodes_end_when_bringup_is_killed(bringup):
-    run = bringup('--detector', 'cdt', '--loop', '--rate', '50')
-    run.wait_for_rows(2 * FRAMES_BEFORE)
-    assert len(run.nodes()) == 4
-    run.process.kill()
-    run.wait_until_none_is_left(within_s=60.0)
+def test_nodes_end_when_bringup_is_killed(running):
+    assert len(running.nodes()) == 4
+    running.process.kill()
+    running.wait_until_none_is_left(within_s=120.0)

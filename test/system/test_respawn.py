@@ -10,10 +10,10 @@ import time
 
 from graph_runs import own_domain
 from graph_runs import start_bringup
-from intruder import INJECTED
 import numpy as np
 import pytest
 from run_checks import check_end
+from tally import FAULTS
 
 NODES = ('sensor_node', 'detector_node', 'tracker_node', 'evaluator_node')
 LABELS = {'detector_node': 'cdt_detector'}
@@ -23,10 +23,10 @@ LOCKSTEP = ('--detector', 'cdt', '--scenario', 'example3', '--snr', '12', '--loo
 
 
 def end_a_node(run, module, number):
-    """End a node and wait until it is back and scores come again."""
+    """End a node and wait until it is back and frames are scored again."""
     before = len(run.restarts())
     run.kill(module, number)
-    INJECTED[f'{module} ended'] += 1
+    FAULTS[f'{module} ended'] += 1
     run.wait_for_restarts(before + 1)
     run.wait_for_rows(len(run.rows()) + 20)
 
@@ -48,7 +48,7 @@ def check_account(run, lost_at_most):
 
 @pytest.fixture(scope='module')
 def survivor(tmp_path_factory):
-    """Return a function that gives a run, each node of it ended by a signal, and its end."""
+    """Return a function that ends each node of a run by a signal, and returns run and outcome."""
     @functools.cache
     def survive(number):
         with start_bringup(
@@ -67,15 +67,14 @@ def survivor(tmp_path_factory):
 
 @pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGTERM], ids=['SIGKILL', 'SIGTERM'])
 def test_every_node_comes_back(survivor, number):
-    run, code, out, err = survivor(number)
+    run, code, out, _ = survivor(number)
     assert code == 130
-    how = 'killed by SIGKILL' if number == signal.SIGKILL else 'ended by SIGTERM'
-    for module in NODES:
-        label = LABELS.get(module, module.removesuffix('_node'))
-        assert f'{label} was {how} at frame' in err
-        assert f'{label} is back after' in err
-        assert run.summary()['restarts'][label] == 1
-    assert 'started again: sensor 1 x, cdt_detector 1 x, tracker 1 x, evaluator 1 x' in out
+    labels = [LABELS.get(module, module.removesuffix('_node')) for module in NODES]
+    restarts = run.restarts()
+    assert [row['node'] for row in restarts] == labels
+    assert all(number.name in row['death'] for row in restarts)
+    assert run.summary()['restarts'] == dict.fromkeys(labels, 1)
+    assert all(f'{label} 1 x' in out for label in labels)
     # In lockstep a node has one frame in hand when it dies; the last may be under way at the end.
     check_account(run, lost_at_most=len(NODES) + 1)
 
@@ -89,7 +88,7 @@ def test_any_node_may_die_at_any_frame(bringup):
         modules = sorted(run.processes())
         module, pid = modules[rng.integers(len(modules))]
         os.kill(pid, (signal.SIGKILL, signal.SIGTERM)[rng.integers(2)])
-        INJECTED[f'{module} ended'] += 1
+        FAULTS[f'{module} ended'] += 1
         run.wait_for_restarts(number + 1)
     run.wait_for_rows(len(run.rows()) + 40)
     run.process.send_signal(signal.SIGINT)
@@ -138,7 +137,7 @@ def test_ids_of_tracks_are_not_used_again(survivor):
 def test_a_node_that_always_dies_ends_the_run(bringup):
     run = bringup('--detector', 'cdt', '--loop', '--rate', '50')
     run.wait_for_rows(20)
-    until = time.monotonic() + 60.0
+    until = time.monotonic() + 240.0
     while run.process.poll() is None:
         assert time.monotonic() < until
         if (pid := run.nodes().get('tracker_node')) is not None:
@@ -147,8 +146,9 @@ def test_a_node_that_always_dies_ends_the_run(bringup):
         time.sleep(0.02)
     code, _, err = run.finish()
     assert code == 1
-    assert err.count('tracker was killed by SIGKILL') == 6
-    assert 'it is started again (restart 5)' in err
+    lines = [line for line in err.splitlines() if 'tracker' in line and 'SIGKILL' in line]
+    assert len(lines) == 6
+    assert {row['node'] for row in run.restarts()} <= {'tracker'}
     assert run.summary()['frames']['scored'] > 0
     run.wait_until_none_is_left()
 
@@ -164,7 +164,7 @@ def test_paced_run_counts_what_was_lost(bringup):
     frames = run.summary()['frames']
     assert frames['unseen'] > 0
     assert frames['unanswered'] > 0
-    assert f'{frames["unseen"]} unseen' in out
+    assert str(frames['unseen']) in out.split()
     check_account(run, lost_at_most=frames['published'])
 
 

@@ -1,4 +1,4 @@
-"""Nodes that stand still, a flood, and a network that is gone: the graph goes on by itself."""
+"""Stopped nodes, a flood of messages, and a network that fails: the graph recovers by itself."""
 
 import functools
 import os
@@ -12,7 +12,6 @@ from graph_runs import BRINGUP
 from graph_runs import graph_environment
 from graph_runs import GraphRun
 from graph_runs import own_domain
-from intruder import INJECTED
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
@@ -21,6 +20,7 @@ from run_checks import check_frames
 from run_checks import first_answer_after
 from run_checks import interrupt
 from run_checks import wait_for_all_scored
+from tally import FAULTS
 from vision_msgs.msg import Detection2DArray
 
 NODES = ('sensor_node', 'detector_node', 'tracker_node', 'evaluator_node', 'viewer_node')
@@ -30,7 +30,7 @@ MOST_GROWTH_MIB = 200
 WITHOUT_NETWORK_S = 10.0
 
 
-def test_nodes_that_stand_still_at_any_frame_lose_nothing(bringup, intruder):
+def test_nodes_that_are_stopped_at_any_frame_lose_nothing(bringup, client):
     rng = np.random.default_rng(5)
     run = bringup(*RUN, '--view')
     run.wait_for_rows(20)
@@ -39,10 +39,10 @@ def test_nodes_that_stand_still_at_any_frame_lose_nothing(bringup, intruder):
             run.wait_for_rows(len(run.rows()) + 2 * int(rng.integers(1, 10)))
             pid = run.nodes()[module]
             os.kill(pid, signal.SIGSTOP)
-            intruder.spin(float(rng.uniform(0.1, 1.0)))
+            client.spin(float(rng.uniform(0.1, 1.0)))
             os.kill(pid, signal.SIGCONT)
-            INJECTED['SIGSTOP'] += 1
-    wait_for_all_scored(run, intruder)
+            FAULTS['SIGSTOP'] += 1
+    wait_for_all_scored(run, client)
     lines = interrupt(run)
     check_end(run, 130)
     check_frames(run, lines)
@@ -54,25 +54,25 @@ def memory_mib(pid):
         return int(file.read().split()[1]) * os.sysconf('SC_PAGE_SIZE') / 2**20
 
 
-def test_flood_is_survived_in_bounded_memory(bringup, intruder):
+def test_flood_is_survived_in_bounded_memory(bringup, client):
     run = bringup(*RUN)
     run.wait_for_rows(20)
-    intruder.connect(Detection2DArray, '/detections')
+    client.connect(Detection2DArray, '/detections')
     readers = [run.nodes()[module] for module in ('tracker_node', 'evaluator_node')]
     before = [memory_mib(pid) for pid in readers]
     message = Detection2DArray()
     start = time.monotonic()
     for n in range(FLOOD):
-        message.header.stamp = intruder.next_stamp('/detections')
-        intruder.send('/detections', serialize_message(message), 'flood')
+        message.header.stamp = client.next_stamp('/detections')
+        client.send('/detections', serialize_message(message), 'flood')
         if n % 50 == 49:
-            intruder.spin(max(0.0, start + (n + 1) / PER_SECOND - time.monotonic()))
+            client.spin(max(0.0, start + (n + 1) / PER_SECOND - time.monotonic()))
     grown = [memory_mib(pid) - was for pid, was in zip(readers, before)]
     assert max(grown) < MOST_GROWTH_MIB
-    intruder.leave('/detections')
-    intruder.spin(1.0)  # it may not have heard all frames yet
-    newest = intruder.newest_s('/image_raw')
-    recovered = intruder.wait(lambda: first_answer_after(run, newest))
+    client.disconnect('/detections')
+    client.spin(1.0)  # it may not have received all frames yet
+    newest = client.newest_s('/image_raw')
+    recovered = client.wait(lambda: first_answer_after(run, newest))
     run.wait_for_rows(recovered + 80)
     lines = interrupt(run)
     check_end(run, 130)
@@ -83,7 +83,7 @@ def test_flood_is_survived_in_bounded_memory(bringup, intruder):
 
 @pytest.fixture(scope='module')
 def lone(tmp_path_factory):
-    """Return a graph in a network of its own and the command that works on it; None if denied."""
+    """Return a graph in its own network and the command that changes it; None if not allowed."""
     own, into = (([], []) if os.geteuid() == 0 else (['-r'], ['-U', '--preserve-credentials']))
     if not all(map(shutil.which, ('unshare', 'nsenter', 'ip'))) or subprocess.run(
             ['unshare', *own, '-n', 'true'], capture_output=True, check=False).returncode:
@@ -101,7 +101,7 @@ def lone(tmp_path_factory):
 
 @pytest.fixture(scope='module')
 def outage(lone):
-    """Return a function that waits for ten seconds; at the first time, the lone one's network."""
+    """Return a function that waits; at its first call, the network of `lone` is down meanwhile."""
     @functools.cache
     def wait():
         if lone is None:
@@ -111,16 +111,16 @@ def outage(lone):
         subprocess.run([*inside, 'link', 'set', 'lo', 'down'], check=True)
         time.sleep(WITHOUT_NETWORK_S)
         subprocess.run([*inside, 'link', 'set', 'lo', 'up'], check=True)
-        INJECTED['network gone'] += 1
+        FAULTS['network gone'] += 1
     return wait
 
 
-def test_every_datagram_may_be_lost_for_ten_seconds(bringup, machine, outage):
+def test_every_datagram_may_be_lost_for_ten_seconds(bringup, host_faults, outage):
     run = bringup(*RUN)
     run.wait_for_rows(20)
-    machine.lose_datagrams(True)
+    host_faults.lose_datagrams(True)
     outage()
-    machine.lose_datagrams(False)
+    host_faults.lose_datagrams(False)
     check_that_it_goes_on(run)
 
 
@@ -128,8 +128,8 @@ def test_network_may_be_gone_for_ten_seconds(lone, outage, require_program):
     for name in ('unshare', 'nsenter', 'ip'):
         require_program(name)
     if lone is None:
-        pytest.skip('needs a network of its own, which is not allowed here; datagrams are lost '
-                    'in the test before')
+        pytest.skip('needs a network of its own, which is not allowed here; the test before '
+                    'loses datagrams instead')
     outage()
     check_that_it_goes_on(lone[0])
 

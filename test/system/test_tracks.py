@@ -7,10 +7,10 @@ import pytest
 GATE = 1.5
 
 
-def followers(heard):
+def followers(received):
     """Return, for every object, the ids of the tracks nearest to it in each frame."""
     found = {}
-    for truth, tracks in zip(heard['ground_truth'], heard['tracks']):
+    for truth, tracks in zip(received['ground_truth'], received['tracks']):
         for item in truth.detections:
             near = [(distance(item, track), track.id) for track in tracks.detections]
             near = [pair for pair in near if pair[0] <= GATE]
@@ -25,8 +25,8 @@ def distance(one, other):
 
 
 @pytest.mark.parametrize(('scenario', 'objects'), [('three_objects', 3), ('crossing', 2)])
-def test_each_object_has_one_track_of_its_own(hear, scenario, objects):
-    found = followers(hear('--scenario', scenario, '--snr', '20'))
+def test_each_object_has_one_track_of_its_own(published, scenario, objects):
+    found = followers(published(scenario))
     assert len(found) == objects
     for ids in found.values():
         assert ids.count(None) <= 8  # until the track is confirmed

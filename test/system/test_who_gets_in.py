@@ -1,50 +1,50 @@
-"""Who gets in: nobody on another host, unless that is asked for; every node has its enclave."""
+"""No other host reaches a graph unless asked for; every node has its enclave."""
 
 import json
 import os
-from pathlib import Path
 import signal
 import subprocess
 import sys
 import time
 
 from graph_runs import own_domain
-from onlooker import onlooker
+from graph_runs import ROOT
+from graph_runs import start_bringup
 import psutil
 import pytest
+from ros_nodes import spun_node
 
-TWO_HOSTS = Path(__file__).with_name('two_hosts.py')
+TWO_HOSTS = ROOT / 'test' / 'support' / 'two_hosts.py'
 NEW_NETWORK = ['unshare', '--map-root-user', '--net']
 
-
-# What is said of discovery, and how long a stranger listens [s].
-SAID = {
-    'nothing': (15.0, {}),
+# How long a stranger listens [s], and the environment variables that widen discovery.
+DISCOVERY = {
+    'default': (15.0, {}),
     'subnet': (120.0, {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'}),
     'peers': (120.0, {'ROS_STATIC_PEERS': '10.65.0.2'})}
 
 
-def start_hosts(results, domain, listens_s, said):
-    """Start two hosts with a graph on one of them; ``said`` is all that is said of discovery."""
+def start_hosts(results, domain, listens_s, discovery):
+    """Start two hosts with a graph on one of them, with no other setting of discovery."""
     plain = {key: value for key, value in os.environ.items() if key not in (
         'ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_STATIC_PEERS', 'ROS_LOCALHOST_ONLY')}
     return subprocess.Popen(
         [*NEW_NETWORK, sys.executable, str(TWO_HOSTS), str(results), str(listens_s)],
         env=plain | {'ROS_DOMAIN_ID': str(domain), 'PYTHONPATH': os.pathsep.join(sys.path),
-                     **said},
+                     **discovery},
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
 @pytest.fixture(scope='module')
 def reached(tmp_path_factory):
-    """Return what of a graph reached others, for all that is said; all at once, to wait once."""
+    """Return what reached others of a graph, by setting of discovery; all wait at once."""
     if subprocess.run([*NEW_NETWORK, 'ip', 'link'], capture_output=True, check=False).returncode:
         pytest.skip('needs to make network namespaces, which this machine does not permit')
     folder, pairs, found = tmp_path_factory.mktemp('hosts'), {}, {}
     try:
-        for number, (name, said) in enumerate(SAID.items()):
+        for number, (name, setting) in enumerate(DISCOVERY.items()):
             # Hosts of one machine share its memory: a domain each.
-            pairs[name] = start_hosts(folder / name, own_domain(number), *said)
+            pairs[name] = start_hosts(folder / name, own_domain(number), *setting)
         for name, hosts in pairs.items():
             out, err = hosts.communicate(timeout=900.0)
             found[name] = (hosts.returncode, out, err)
@@ -61,41 +61,40 @@ def reached(tmp_path_factory):
     return look
 
 
-def test_nobody_on_another_host_hears_or_is_heard(reached):
-    assert reached('nothing') == {'datagrams': 0, 'neighbour': 1, 'stranger': 0}
+def test_nothing_reaches_another_host_by_default(reached):
+    assert reached('default') == {'datagrams': 0, 'neighbour': 1, 'stranger': 0}
 
 
-def test_the_subnet_hears_when_asked_for(reached):
+def test_the_subnet_receives_when_asked_for(reached):
     found = reached('subnet')
     assert found.pop('datagrams') > 0
     assert found == {'neighbour': 1, 'stranger': 1}
 
 
-def test_named_peers_are_let_in(reached):
+def test_named_peers_receive(reached):
     found = reached('peers')
     assert found.pop('datagrams') > 0
     assert found == {'neighbour': 1, 'stranger': 1}
 
 
-def test_sockets_that_hear_are_bound_to_this_host(bringup):
-    domain = own_domain(1)
-    run = bringup('--detector', 'cdt', '--loop', '--rate', '50', '--domain-id', str(domain))
-    run.wait_for_rows(20, 120.0)
-    first = 7400 + 250 * domain
-    for pid in [run.process.pid, *run.nodes().values()]:
-        bound = {(item.laddr.ip, item.laddr.port)
-                 for item in psutil.Process(pid).net_connections('udp4')}
-        hearing = {ip for ip, port in bound if first <= port < first + 250}
-        assert hearing == {'127.0.0.1'}, bound
+@pytest.fixture(scope='module')
+def running(tmp_path_factory):
+    """Return a run of two chains with viewers, on the domain that an option names."""
+    domain = own_domain(3)
+    with start_bringup(
+            tmp_path_factory.mktemp('running') / 'run', '--detector', 'cdt', 'sdt', '--loop',
+            '--rate', '20', '--view', '--domain-id', str(domain), domain_id=own_domain()) as run:
+        run.wait_for_rows(20)
+        yield run, domain
 
 
-def test_every_node_is_in_the_enclave_that_bears_its_name(bringup):
-    run = bringup('--detector', 'cdt', 'sdt', '--loop', '--rate', '50', '--view')
+def test_every_node_is_in_the_enclave_of_its_name(running):
+    run, domain = running
     wanted = {'/bringup', '/evaluator', '/sensor', *(
         f'/{name}/{node}' for name in ('cdt', 'sdt')
         for node in (f'{name}_detector', 'tracker', 'viewer'))}
     found, until = {}, time.monotonic() + 120.0
-    with onlooker('onlooker') as (node, _):
+    with spun_node('onlooker', domain) as (node, _):
         while set(found) != wanted:
             assert run.process.poll() is None, run.finish()
             assert time.monotonic() < until, found
@@ -104,3 +103,13 @@ def test_every_node_is_in_the_enclave_that_bears_its_name(bringup):
                 in node.get_node_names_and_namespaces_with_enclaves() if name != 'onlooker'}
             time.sleep(0.1)
     assert found == {name: name for name in wanted}
+
+
+def test_receiving_sockets_are_bound_to_this_host(running):
+    run, domain = running
+    first = 7400 + 250 * domain
+    for pid in [run.process.pid, *(pid for _, pid in run.processes())]:
+        bound = {(item.laddr.ip, item.laddr.port)
+                 for item in psutil.Process(pid).net_connections('udp4')}
+        receiving = {ip for ip, port in bound if first <= port < first + 250}
+        assert receiving == {'127.0.0.1'}, bound

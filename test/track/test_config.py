@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from lowsnr_common.settings.config import flat_values
-from lowsnr_common.settings.config import flatten
+from lowsnr_common.settings.flat_values import flat_values
+from lowsnr_common.settings.flat_values import flatten
 from lowsnr_track.pda_mmpf import PdaMmpf
 import yaml
 

@@ -11,7 +11,6 @@ from builtin_interfaces.msg import Time
 from lowsnr_bringup.bags.reader import Bag
 from lowsnr_bringup.bags.replay import played_frames
 from lowsnr_bringup.bags.replay import PlayedFrame
-from lowsnr_bringup.bags.replay import PlayerSettings
 from lowsnr_common.core.records import Malformed
 from lowsnr_common.ros import messages
 from lowsnr_common.ros.connections import wait_for_readers
@@ -21,6 +20,7 @@ from lowsnr_common.ros.managed_node import run
 from lowsnr_common.ros.parameters import declare
 from lowsnr_common.ros.qos import frame_depth
 from lowsnr_common.ros.qos import reliable
+from lowsnr_common.settings.node_settings import PlayerSettings
 from nav_msgs.msg import Odometry
 from rclpy.lifecycle import LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn

@@ -13,7 +13,6 @@ from typing import NoReturn
 
 from lowsnr_bringup.bags.recording import CUSTOM_LOSSES
 from lowsnr_bringup.bags.recording import CUSTOM_PARAMETERS
-from lowsnr_bringup.bags.recording import RecorderSettings
 from lowsnr_bringup.bags.recording import restarted_bag
 from lowsnr_bringup.bags.storage import Topic
 from lowsnr_bringup.bags.writer import BagWriter
@@ -25,6 +24,7 @@ from lowsnr_common.ros.managed_node import ManagedNode
 from lowsnr_common.ros.managed_node import run
 from lowsnr_common.ros.parameters import declare
 from lowsnr_common.ros.qos import frame_depth
+from lowsnr_common.settings.node_settings import RecorderSettings
 from rclpy.lifecycle import LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy

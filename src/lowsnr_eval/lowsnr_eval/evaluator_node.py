@@ -10,16 +10,12 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from lowsnr_common.core.records import Malformed
 from lowsnr_common.ros import messages
+from lowsnr_common.ros import run_records
 from lowsnr_common.ros.managed_node import ManagedNode
 from lowsnr_common.ros.managed_node import run
 from lowsnr_common.ros.parameters import declare
 from lowsnr_common.ros.qos import any_reliability
 from lowsnr_common.ros.qos import reliable
-from lowsnr_common.ros.run_records import ChainCounts
-from lowsnr_common.ros.run_records import FrameScored
-from lowsnr_common.ros.run_records import NodeRestarted
-from lowsnr_common.ros.run_records import RESTARTS
-from lowsnr_common.ros.run_records import SCORED
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.node_settings import RunSettings
 from lowsnr_eval.scoring.frame_join import Arrival
@@ -58,7 +54,7 @@ class EvaluatorNode(ManagedNode):
         self._begun = True
         depth = reliable(self.settings.queue_depth)
         self._restarted: deque[tuple[float, str]] = deque(maxlen=_MOST_RESTARTED)
-        self._scored = self.create_publisher(DiagnosticArray, SCORED, depth)
+        self._scored = self.create_publisher(DiagnosticArray, run_records.SCORED, depth)
         self.outputs = {self._scored: self.settings.consumers}
         for topic in self._scorer.topics:
             states = self.listen(
@@ -68,14 +64,15 @@ class EvaluatorNode(ManagedNode):
                 Detection2DArray, topic, partial(self._on_array, topic), depth, first=states)
         self.listen(Image, 'image_raw', self._on_frame, any_reliability(WAITING))
         self.listen(
-            DiagnosticArray, RESTARTS, self._on_restart, depth, needed=False, steady=False)
+            DiagnosticArray, run_records.RESTARTS, self._on_restart, depth, needed=False,
+            steady=False)
         self.create_timer(_FLUSH_EVERY_S, self._on_timer)
         return TransitionCallbackReturn.SUCCESS
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Score what has arrived, and write it to disk."""
         self._score(time.monotonic())
-        self._scorer.flush_scene()
+        self._scorer.scene.flush()
         self._flush()
         return super().on_deactivate(state)
 
@@ -111,8 +108,8 @@ class EvaluatorNode(ManagedNode):
 
     def _on_frame(self, image: Image) -> None:
         """Keep a frame for the report, which alone shows it."""
-        if self.active and self._scorer.keeps_frames:
-            self._scorer.add_frame(_stamp(image.header), messages.image_to_frame(image))
+        if self.active and not self._scorer.scene.full:
+            self._scorer.scene.add_frame(_stamp(image.header), messages.image_to_frame(image))
 
     def _on_timer(self) -> None:
         now_s = time.monotonic()
@@ -130,22 +127,24 @@ class EvaluatorNode(ManagedNode):
         It received the later ones of those that came while it was starting, and may yet answer
         them.
         """
-        restarted, now_s = NodeRestarted.from_message(message), time.monotonic()
+        restarted, now_s = run_records.NodeRestarted.from_message(message), time.monotonic()
         self._scorer.expect_no_more(restarted.node, now_s - restarted.started_s_ago)
         self._restarted.append((now_s, restarted.node))
         self._score()
 
     def _flush(self) -> None:
-        fault = self._scorer.flush()
+        fault = self._scorer.tables.flush()
         self.broken = f'{fault}; scores are kept until they can be written' if fault else ''
 
     def _score(self, older_than_s: float = -float('inf')) -> None:
         """Score and announce the frames that are complete, or older than a time [s]."""
         for scored in self._scorer.score(older_than_s):
             self.counts['in'] = scored.number
-            self._scored.publish(FrameScored(scored.stamp, scored.number, tuple(
-                ChainCounts(name, len(answer.detections or ()), len(answer.tracks or ()))
-                for name, answer in scored.answers.items())).to_message())
+            chains = tuple(
+                run_records.ChainCounts(name, len(each.detections or ()), len(each.tracks or ()))
+                for name, each in scored.answers.items())
+            self._scored.publish(run_records.FrameScored(
+                scored.stamp, scored.number, chains).to_message())
             self.counts['out'] += 1
 
 

@@ -23,6 +23,8 @@ from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.lifecycle import LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn
+import scipy.ndimage  # noqa: F401  (here, so that the first frame does not wait for it)
+import scipy.special  # noqa: F401
 from sensor_msgs.msg import Image
 from vision_msgs.msg import Detection2DArray
 

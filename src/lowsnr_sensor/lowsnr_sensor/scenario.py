@@ -17,9 +17,9 @@ from typing import TypeVar
 
 from lowsnr_common.core.motion import MotionModes
 from lowsnr_common.core.records import Truth
-from lowsnr_common.settings.config import check_settings
-from lowsnr_common.settings.config import check_values
-from lowsnr_common.settings.config import setting
+from lowsnr_common.settings.declare import check_settings
+from lowsnr_common.settings.declare import setting
+from lowsnr_common.settings.flat_values import check_values
 from lowsnr_common.settings.text import one_line
 from lowsnr_common.settings.text import read_yaml
 from lowsnr_sensor.trajectories import Leg

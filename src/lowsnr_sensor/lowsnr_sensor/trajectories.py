@@ -10,8 +10,8 @@ from lowsnr_common.core.motion import POS
 from lowsnr_common.core.motion import process_noise_sqrt
 from lowsnr_common.core.motion import transition_matrix
 from lowsnr_common.core.motion import VEL
-from lowsnr_common.settings.config import check_settings
-from lowsnr_common.settings.config import setting
+from lowsnr_common.settings.declare import check_settings
+from lowsnr_common.settings.declare import setting
 import numpy as np
 import scipy
 

@@ -21,9 +21,9 @@ from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.core.motion import MotionModes
 from lowsnr_common.core.motion import POS
 from lowsnr_common.core.records import Estimate
-from lowsnr_common.settings.config import check_settings
-from lowsnr_common.settings.config import fixed
-from lowsnr_common.settings.config import setting
+from lowsnr_common.settings.declare import check_settings
+from lowsnr_common.settings.declare import fixed
+from lowsnr_common.settings.declare import setting
 from lowsnr_track import association
 from lowsnr_track import mmpf
 from lowsnr_track.detection_model import DetectionModel

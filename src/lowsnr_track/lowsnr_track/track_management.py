@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from dataclasses import replace
 
 from lowsnr_common.core.motion import MotionModes
-from lowsnr_common.settings.config import check_settings
-from lowsnr_common.settings.config import setting
+from lowsnr_common.settings.declare import check_settings
+from lowsnr_common.settings.declare import setting
 from lowsnr_track.measurements import Measurements
 from lowsnr_track.tracks import no_tracks
 from lowsnr_track.tracks import start_tracks

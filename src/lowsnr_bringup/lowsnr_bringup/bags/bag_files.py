@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from dataclasses import field
+import os
 from pathlib import Path
 from pathlib import PurePosixPath
 import re
@@ -53,7 +54,7 @@ def find_files(path: Path) -> BagFiles:
         With reason ``missing``, ``not a bag``, ``bad metadata`` or ``outside the folder``.
 
     """
-    if not path.exists():
+    if not os.path.exists(path):  # unlike Path.exists it takes a name of any length
         raise UnusableFile(path, 'missing', 'there is no such bag')
     if not path.is_dir():
         return BagFiles([path], _compression_of(path))

@@ -1,4 +1,4 @@
-"""Recording a run: settings and counts of the recorder, and a summary of its bags."""
+"""Recording a run: the counts of the recorder, and a summary of its bags."""
 
 from __future__ import annotations
 
@@ -11,30 +11,11 @@ from typing import Any
 
 from lowsnr_bringup.bags.bag_files import INFORMATION
 from lowsnr_bringup.bags.bag_files import METADATA_FILE
-from lowsnr_bringup.bags.writer import STORAGES
-from lowsnr_common.settings.config import check_settings
-from lowsnr_common.settings.config import setting
 import yaml
 
 # Names of the texts that the metadata of a recorded bag carry.
 CUSTOM_PARAMETERS = 'lowsnr_parameters'
 CUSTOM_LOSSES = 'lowsnr_losses'
-
-
-@dataclass(frozen=True, kw_only=True)
-class RecorderSettings:
-    """Where the recorder writes, and which topics it waits for."""
-
-    bag: str = setting('bag', 'folder of the bag, which must not exist')
-    storage: str = setting('mcap', 'storage format of the bag', choices=STORAGES)
-    run_parameters: str = setting('', 'parameter file of the run, which is copied into the bag')
-    topics: tuple[str, ...] = setting(
-        (), 'topics that must be received before the recorder becomes active')
-    rows: int = setting(0, 'rows of a frame, 0 if not known', ge=0, le=16384)
-    cols: int = setting(0, 'columns of a frame, 0 if not known', ge=0, le=16384)
-
-    def __post_init__(self) -> None:
-        check_settings(self)
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""Replaying a bag: settings of the player, and the frames, each with its truth."""
+"""Replaying a bag: its frames, each with its truth."""
 
 from __future__ import annotations
 
@@ -10,39 +10,9 @@ import struct
 
 from lowsnr_bringup.bags.reader import Bag
 from lowsnr_bringup.bags.reader import Message
-from lowsnr_common.settings.config import check_settings
-from lowsnr_common.settings.config import setting
 
 # The longest that a frame waits for truth that was recorded after it [frames].
 _WINDOW = 16
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlayerSettings:
-    """Which topics of which bag the player publishes, and how fast."""
-
-    bag: str = setting('', 'path of the bag')
-    frames_topic: str = setting('/image_raw', 'topic of the frames in the bag')
-    truth_topic: str = setting(
-        '/ground_truth', 'topic of the truth in the bag, its odometry below it; empty for none')
-    simulated: bool = setting(
-        False, 'whether the frames are simulated; a recording of the replay carries it on')
-    frames: int = setting(0, 'frames to publish, 0 for all', ge=0)
-    cell_size_m: float = setting(1.0, 'side of a cell [m]', gt=0.0)
-    rows: int = setting(0, 'rows of a frame, 0 if not known', ge=0, le=16384)
-    cols: int = setting(0, 'columns of a frame, 0 if not known', ge=0, le=16384)
-    rate_hz: float = setting(
-        0.0, 'frames a second of wall time, 0 for the rate at which they were recorded', ge=0.0,
-        le=100_000.0)
-    lockstep: bool = setting(
-        False, 'publish a frame when the one before it has been scored, not by the clock')
-    patience_s: float = setting(
-        15.0, 'longest wait, in lockstep, for the score of a frame [s]', gt=0.0)
-    resume_after_ns: int = setting(
-        -1, 'stamp of the last frame before a restart; the player goes on after it [ns]', ge=-1)
-
-    def __post_init__(self) -> None:
-        check_settings(self)
 
 
 @dataclass

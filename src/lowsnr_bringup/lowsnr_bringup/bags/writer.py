@@ -32,7 +32,6 @@ import yaml
 
 _STORAGES: Mapping[str, tuple[str, type[StorageWriter]]] = {
     'mcap': ('.mcap', McapStorageWriter), 'sqlite3': ('.db3', SqliteStorageWriter)}
-STORAGES = tuple(_STORAGES)
 
 
 class BagWriter:

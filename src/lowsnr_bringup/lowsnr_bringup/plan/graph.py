@@ -1,24 +1,26 @@
 """
-The node graph of a run: which nodes, in which namespaces, with which parameters.
+The nodes of a run: every kind of node, which of them a run starts, and how they are connected.
 
-Everything is checked here against the declared settings, before anything starts: ROS itself
-ignores a misspelt parameter without a word.
+The modules of this folder check everything against the declared settings before anything
+starts, because ROS ignores a misspelt parameter without a warning.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
+from typing import TypeVar
 
-from lowsnr_bringup.bags.recording import RecorderSettings
-from lowsnr_bringup.bags.replay import PlayerSettings
-from lowsnr_common.settings.config import build_settings
-from lowsnr_common.settings.config import declared_settings
+from lowsnr_common.settings.declare import declared_settings
+from lowsnr_common.settings.flat_values import build_settings
 from lowsnr_common.settings.node_settings import DetectionSettings
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.node_settings import NodeSettings
+from lowsnr_common.settings.node_settings import PlayerSettings
+from lowsnr_common.settings.node_settings import RecorderSettings
 from lowsnr_common.settings.node_settings import RunSettings
 from lowsnr_common.settings.node_settings import SimulationSettings
 from lowsnr_common.settings.node_settings import TruthSettings
@@ -29,15 +31,57 @@ from lowsnr_sensor.conditioning.conditioner import ConditioningSettings
 from lowsnr_track.pda_mmpf import PdaMmpf
 import yaml
 
+T = TypeVar('T')
+Values = dict[str, Any]  # parameters by full name, such as 'sensor.snr_db'
+Layer = Mapping[str, Mapping[str, Any]]  # values by section: EVERY_NODE or the name of a node
 EVERY_NODE = '/**'
-MANAGER = 'bringup'  # bring-up's own node
+MANAGER = 'bringup'  # the node of bring-up itself
 CONDITIONED = '/conditioned/'
-SEEN = ('image_raw', 'ground_truth', 'ground_truth/odometry')
 KEY = 'ros__parameters'
-SETTINGS: dict[str, tuple[type, ...]] = {
-    'sensor': (SimulationSettings,), 'tracker': (PdaMmpf,), 'evaluator': (RunSettings, Evaluation),
-    'player': (PlayerSettings,), 'recorder': (RecorderSettings,),
-    'conditioner': (ConditioningSettings, TruthSettings), 'viewer': (ViewSettings,)}
+_DETECTOR = '_detector'  # the end of the name of a detector's node
+
+
+@dataclass(frozen=True)
+class NodeKind:
+    """The module that a node runs, and the classes that declare its parameters."""
+
+    module: str
+    settings: tuple[type, ...]
+
+
+KINDS = {
+    'sensor': NodeKind('lowsnr_sensor.sensor_node', (SimulationSettings,)),
+    'player': NodeKind('lowsnr_bringup.player_node', (PlayerSettings,)),
+    'conditioner': NodeKind(
+        'lowsnr_sensor.conditioner_node', (ConditioningSettings, TruthSettings)),
+    'tracker': NodeKind('lowsnr_track.tracker_node', (PdaMmpf,)),
+    'viewer': NodeKind('lowsnr_eval.viewer_node', (ViewSettings,)),
+    'evaluator': NodeKind('lowsnr_eval.evaluator_node', (RunSettings, Evaluation)),
+    'recorder': NodeKind('lowsnr_bringup.recorder_node', (RecorderSettings,)),
+}
+
+
+def node_kind(name: str) -> NodeKind:
+    """Return the kind of the node of a name; the node of detector ``sdt`` is ``sdt_detector``."""
+    return KINDS.get(name) or NodeKind(
+        'lowsnr_detect.node.detector_node',
+        (DetectionSettings, detector_class(name.removesuffix(_DETECTOR))))
+
+
+def settings_classes(name: str) -> tuple[type, ...]:
+    """Return the settings classes that declare the parameters of a node."""
+    return NodeSettings, *node_kind(name).settings
+
+
+def known_nodes() -> list[str]:
+    """Return the names of all nodes that can be part of a graph."""
+    detector_class('sdt')  # makes every detector register itself
+    return [*KINDS, *map(node_of, DETECTORS)]
+
+
+def node_of(detector: str) -> str:
+    """Return the name of a detector's node."""
+    return f'{detector}{_DETECTOR}'
 
 
 @dataclass(frozen=True)
@@ -45,7 +89,7 @@ class Node:
     """
     One process of the graph.
 
-    A run goes on without one that is not ``needed``; a ``live`` one hears a camera itself.
+    A run goes on without a node that is not ``needed``.  A ``live`` node subscribes to a camera.
     """
 
     name: str
@@ -58,8 +102,13 @@ class Node:
 
     @property
     def source(self) -> bool:
-        """Whether the frames come from it."""
+        """Whether the node publishes the frames of the run."""
         return self.name in ('sensor', 'player')
+
+    @property
+    def detector(self) -> bool:
+        """Whether the node runs a detector."""
+        return self.name.endswith(_DETECTOR)
 
     @property
     def path(self) -> str:
@@ -72,101 +121,111 @@ class Node:
         return self.path.strip('/').replace('/', '.')
 
 
-def settings_classes(name: str) -> tuple[type, ...]:
-    """Return the settings classes that declare the parameters of a node."""
-    if name in SETTINGS:
-        return NodeSettings, *SETTINGS[name]
-    return NodeSettings, DetectionSettings, detector_class(name.removesuffix('_detector'))
-
-
-def known_nodes() -> list[str]:
-    """Return the names of all nodes that could be part of a graph."""
-    detector_class('sdt')  # has every detector register itself
-    return [*SETTINGS, *(f'{name}_detector' for name in DETECTORS)]
-
-
-def plan(
-    detectors: Iterable[str], source: str = 'sensor', recorded: bool = False,
-    conditioned: bool = False, viewed: bool = False, camera: str = '',
+def run_nodes(
+    detectors: Sequence[str], source: str = 'sensor', *, camera: str = '',
+    conditioned: bool = False, recorded: bool = False, viewed: bool = False,
 ) -> list[Node]:
     """
-    Return the nodes of a run, consumers first.
-
-    One detector's chain stands at the root; of several each has a namespace of its name and
-    takes the same frames.  The frames come from the sensor, from a player, or on the topic of a
-    camera, which is no node of the run; a conditioner may stand between them and whoever takes
-    them, a recorder beside all, a viewer beside each chain.
-    """
-    names = list(detectors)
-    seen = _seen(conditioned, camera)
-    moved, live = conditioned or bool(camera), bool(camera) and not conditioned
-    nodes = [Node(
-        'evaluator', 'lowsnr_eval.evaluator_node', remaps=seen if moved else (), live=live)]
-    for name in names:
-        space = f'/{name}' if len(names) > 1 else ''
-        remaps = seen[:1] if space or moved else ()
-        if viewed:
-            nodes.append(Node('viewer', 'lowsnr_eval.viewer_node', space, remaps=seen,
-                              needed=False, live=live))
-        nodes.append(Node('tracker', 'lowsnr_track.tracker_node', space))
-        nodes.append(Node(
-            f'{name}_detector', 'lowsnr_detect.node.detector_node', space, (name,), remaps,
-            live=live))
-    if conditioned:
-        nodes.append(Node(
-            'conditioner', 'lowsnr_sensor.conditioner_node', live=bool(camera),
-            remaps=(f'image_raw:={camera}',) if camera else ()))
-    if recorded:  # before whoever hears a camera, which waits for nobody
-        nodes.insert(0 if camera else len(nodes), Node(
-            'recorder', 'lowsnr_bringup.recorder_node', live=bool(camera)))
-    if camera:
-        return nodes
-    package = 'lowsnr_sensor' if source == 'sensor' else 'lowsnr_bringup'
-    return [*nodes, Node(source, f'{package}.{source}_node')]
-
-
-def _seen(conditioned: bool, camera: str) -> tuple[str, ...]:
-    """Return where frames and truth are found by whoever looks at them."""
-    names = {topic: f'{CONDITIONED if conditioned else "/"}{topic}' for topic in SEEN}
-    if camera and not conditioned:
-        names['image_raw'] = camera
-    return tuple(f'{topic}:={name}' for topic, name in names.items())
-
-
-def parameters(
-    nodes: Iterable[Node], *layers: Mapping[str, Mapping[str, Any]],
-) -> dict[str, dict[str, Any]]:
-    """
-    Return the parameters of every node of a run, later layers over earlier ones.
+    Return the nodes of a run, subscribers before publishers.
 
     Parameters
     ----------
-    nodes
-        The nodes of the run.
-    layers
-        Values by ``'/**'`` or node name; within a layer a node's own win.  A value under
-        ``'/**'`` reaches the nodes that declare it.
-
-    Returns
-    -------
-    dict
-        Values by full node name.
+    detectors
+        Names of the detectors.  The chain of a single one has no namespace; of several, each
+        chain has a namespace of its name, and all take the same frames.
+    source
+        The node that publishes the frames: 'sensor' or 'player'.
+    camera
+        Topic of the camera that publishes the frames instead; it is no node of the run.
+    conditioned, recorded, viewed
+        Whether there is a conditioner between the frames and their subscribers, a recorder of
+        every topic, and a viewer in each chain.
 
     """
-    result = {}
+    live = bool(camera) and not conditioned
+    frames, *truth = _frame_remaps(camera, conditioned)
+    moved = (frames, *truth) if conditioned or camera else ()
+    nodes = [_node('evaluator', remaps=moved, live=live)]
+    for name in detectors:
+        space = f'/{name}' if len(detectors) > 1 else ''
+        if viewed:
+            nodes.append(_node('viewer', space, remaps=(frames, *truth), needed=False, live=live))
+        nodes += [
+            _node('tracker', space),
+            _node(node_of(name), space, arguments=(name,),
+                  remaps=(frames,) if space or moved else (), live=live)]
+    if conditioned:
+        nodes.append(_node(
+            'conditioner', remaps=(f'image_raw:={camera}',) * bool(camera), live=bool(camera)))
+    if recorded:  # a camera waits for no subscriber, so that its recorder starts first
+        nodes.insert(0 if camera else len(nodes), _node('recorder', live=bool(camera)))
+    return nodes if camera else [*nodes, _node(source)]
+
+
+def _node(name: str, namespace: str = '', **how: Any) -> Node:
+    return Node(name, node_kind(name).module, namespace, **how)
+
+
+def _frame_remaps(camera: str, conditioned: bool) -> tuple[str, ...]:
+    """Return the remaps that give a subscriber the frames and their truth."""
+    prefix = CONDITIONED if conditioned else '/'
+    image = camera if camera and not conditioned else f'{prefix}image_raw'
+    return (f'image_raw:={image}', *(
+        f'{topic}:={prefix}{topic}' for topic in ('ground_truth', 'ground_truth/odometry')))
+
+
+def wiring(nodes: Sequence[Node], detectors: Sequence[str], scenario: str) -> Layer:
+    """
+    Return the parameters that follow from which nodes a run has.
+
+    ``consumers`` is the number of subscribers that a node waits for before it publishes.
+    """
+    names = {node.name for node in nodes}
+    viewers = int('viewer' in names)  # in each chain
+    frame_readers = 1 + len(detectors) * (1 + viewers)  # evaluator, detectors, viewers
+    first_readers = 1 if 'conditioner' in names else frame_readers
+    consumers = {
+        'sensor': first_readers, 'player': first_readers, 'conditioner': frame_readers,
+        **{node_of(name): 2 + viewers for name in detectors},  # tracker, evaluator, viewer
+        'tracker': 1 + viewers,  # evaluator, viewer
+        'viewer': 1,  # so that it waits for its publishers
+        'evaluator': 1 + sum(node.source for node in nodes)}  # bring-up, sensor or player
+    layer: dict[str, Values] = {name: {'consumers': count} for name, count in consumers.items()}
+    layer[EVERY_NODE] = {'autostart': False, 'observers': int('recorder' in names)}
+    layer['evaluator'] |= {
+        'scenario': scenario, 'detectors': list(detectors), 'namespaces': len(detectors) > 1}
     for node in nodes:
-        classes = settings_classes(node.name)
-        declared = {key for cls in classes for key in declared_settings(cls)}
-        values: dict[str, Any] = {}
-        for layer in layers:
-            for section in (EVERY_NODE, node.name, node.path):
-                values |= {k: v for k, v in layer.get(section, {}).items() if k in declared}
-        result[node.path] = values
-    return result
+        if node.live:
+            layer.setdefault(node.name, {})['live'] = True
+    return layer
 
 
-def build(cls: type, values: Mapping[str, Any], label: str) -> Any:
-    """Make a node's settings of its parameters; ValueError names the node too."""
+def parameters(nodes: Iterable[Node], *layers: Layer) -> dict[str, Values]:
+    """Return the parameters of every node by its full name, as :func:`merged` merges them."""
+    return {node.path: merged(node.name, layers) for node in nodes}
+
+
+def merged(name: str, layers: Iterable[Layer]) -> Values:
+    """
+    Return the parameters of a node.
+
+    Parameters
+    ----------
+    name
+        Name of the node.
+    layers
+        A later layer wins over an earlier one.  Within a layer the node's own section wins over
+        ``'/**'``, whose values reach the nodes that declare them.
+
+    """
+    declared = {key for cls in settings_classes(name) for key in declared_settings(cls)}
+    return {
+        key: value for layer in layers for section in (EVERY_NODE, name)
+        for key, value in layer.get(section, {}).items() if key in declared}
+
+
+def build(cls: type[T], values: Mapping[str, Any], label: str) -> T:
+    """Build the settings of a node from its parameters; a ValueError names the node too."""
     declared = declared_settings(cls)
     try:
         return build_settings(cls, {k: v for k, v in values.items() if k in declared})
@@ -175,7 +234,7 @@ def build(cls: type, values: Mapping[str, Any], label: str) -> Any:
 
 
 def to_yaml(values: Mapping[str, Mapping[str, Any]]) -> str:
-    """Return parameters as a ROS parameter file; empty lists, which ROS cannot read, left out."""
+    """Return parameters as a ROS parameter file, without empty lists, which ROS cannot read."""
     tree = {
         path: {KEY: {
             key: list(value) if isinstance(value, tuple) else value

@@ -1,4 +1,4 @@
-"""What a user says of a run."""
+"""The options of a run, as the command line and studies give them, and what they set."""
 
 from __future__ import annotations
 
@@ -8,20 +8,33 @@ from dataclasses import fields
 from pathlib import Path
 import re
 
+from lowsnr_bringup.plan.graph import EVERY_NODE
+from lowsnr_bringup.plan.graph import Layer
+
 _TOPIC = re.compile(r'/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*')
-# What has no meaning where the frames come from a camera, and why.
-_MOOT = {
+# The options that have no meaning for a camera, and why.
+_NOT_FOR_A_CAMERA = {
     'frames': ('--frames', 'a camera has no last frame'),
-    'loop': ('--loop', 'a camera is never repeated'),
-    'rate_hz': ('--rate', 'a camera has its own pace'),
-    'lockstep': ('--lockstep', 'a camera waits for nobody'),
+    'loop': ('--loop', 'a camera cannot be repeated'),
+    'rate_hz': ('--rate', 'a camera has its own rate'),
+    'lockstep': ('--lockstep', 'a camera waits for no node'),
     'frames_topic': ('--frames-topic', '--camera names the topic'),
-    'truth_topic': ('--truth-topic', 'a camera knows no truth')}
+    'truth_topic': ('--truth-topic', 'a camera publishes no truth')}
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions:
-    """What a user says of a run; None where the configuration decides."""
+    """
+    The options of a run; None leaves a choice to the configuration.
+
+    The names are those of the options of ``bringup.py``, whose ``--help`` explains them.
+
+    Raises
+    ------
+    ValueError
+        One line, if options contradict each other or the camera's topic is malformed.
+
+    """
 
     detectors: Sequence[str]
     scenario: str
@@ -42,34 +55,39 @@ class RunOptions:
     respawn: bool | None = None
     camera: str | None = None
 
+    def __post_init__(self) -> None:
+        if self.camera is not None:
+            self._check_camera(self.camera)
+        elif self.replay is None and self.condition == 'on':
+            raise ValueError('--condition on: simulated frames are not conditioned')
+        if self.replay is not None and self.loop:
+            raise ValueError('--loop: a bag is replayed once')
+
+    def _check_camera(self, camera: str) -> None:
+        defaults = {item.name: item.default for item in fields(self)}
+        for name, (option, why) in _NOT_FOR_A_CAMERA.items():
+            if getattr(self, name) != defaults[name]:
+                raise ValueError(f'{option}: not allowed with --camera: {why}')
+        if not _TOPIC.fullmatch(camera):
+            raise ValueError(
+                f'--camera: {camera!r} is not the name of a topic, such as /camera/image_raw')
+
+    @property
+    def camera_topic(self) -> str:
+        """Full name of the camera's topic; empty without a camera."""
+        return '' if self.camera is None else '/' + self.camera.lstrip('/')
+
     @property
     def endless(self) -> bool:
         """Whether the run goes on until it is interrupted."""
         return self.loop or self.camera is not None
 
-    @property
-    def frames_from(self) -> str:
-        """Name, for people, of where frames that are not simulated come from."""
-        return str(self.replay or self.camera)
-
-
-def camera_topic(options: RunOptions) -> str:
-    """
-    Return the full name of the camera's topic, or nothing without a camera.
-
-    Raises
-    ------
-    ValueError
-        One line, if it is no topic's name, or an option has no meaning for a camera.
-
-    """
-    if options.camera is None:
-        return ''
-    defaults = {item.name: item.default for item in fields(RunOptions)}
-    for name, (option, why) in _MOOT.items():
-        if getattr(options, name) != defaults[name]:
-            raise ValueError(f'{option}: not allowed with --camera: {why}')
-    if not _TOPIC.fullmatch(options.camera):
-        raise ValueError(
-            f'--camera: {options.camera!r} is not the name of a topic, such as /camera/image_raw')
-    return '/' + options.camera.lstrip('/')
+    def parameters(self) -> Layer:
+        """Return the parameters that the options set; a node takes those that it declares."""
+        values = {
+            'seed': self.seed, 'sensor.snr_db': self.snr_db, 'rate_hz': self.rate_hz,
+            'frames': self.frames, 'lockstep': self.lockstep, 'loop': self.loop,
+            'storage': self.storage}
+        given = {name: value for name, value in values.items() if value is not None}
+        bag = {} if self.record is None else {'bag': str(self.record.resolve())}
+        return {EVERY_NODE: given, 'recorder': bag}

@@ -1,113 +1,181 @@
-"""Where the frames of a run come from, and what follows from that for every node."""
+"""Where the frames of a run come from, and which parameters of which nodes follow from that."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass
 from dataclasses import field
+import os
 from pathlib import Path
 from typing import Any
+from typing import TYPE_CHECKING
 
-from lowsnr_bringup.bags.recorded_run import RecordedRun
 from lowsnr_bringup.plan import graph
-from lowsnr_bringup.plan.cadence import at_cadence
+from lowsnr_bringup.plan.graph import Layer
+from lowsnr_bringup.plan.graph import Values
+from lowsnr_bringup.plan.run_options import RunOptions
+from lowsnr_common.settings.declare import declared_settings
+from lowsnr_common.settings.text import did_you_mean
 from lowsnr_sensor.conditioning.conditioner import ConditioningSettings
-from lowsnr_sensor.scenario import Scenario
+from lowsnr_sensor.scenario import load_scenario
 
-Layer = dict[str, dict[str, Any]]
-# What a source sends.
-_FRAMES, _TRUTH = ('/image_raw', '/clock'), ('/ground_truth', '/ground_truth/odometry')
+if TYPE_CHECKING:
+    from lowsnr_bringup.bags.recorded_run import RecordedRun
+
+Given = Callable[[str], Values]  # the parameters that the user gives to a node
+Look = Callable[[str], 'RecordedRun']  # what the camera on a topic shows
+# The power of the second in the unit of every setting of motion that has one.
+TIME_POWERS = {
+    'turn_rates_deg_s': -1, 'min_speed_mps': -1, 'max_speed_mps': -1,
+    'acceleration_density': -3, 'mode_sojourn_s': 1, 'lifetime_s': 1, 'max_gap_s': 1}
+_FRAMES = ('/image_raw', '/clock')
+_TRUTH = ('/ground_truth', '/ground_truth/odometry')
+_DETECTABLE = '32FC1'
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Source:
     """
-    The origin of the frames.
+    The origin of the frames of a run: a scenario, a bag, or a camera.
 
-    ``frames`` is 0 for one without end, ``defaults`` is what it says of the settings where the
-    configuration says nothing, ``facts`` what it says whatever the configuration says.
+    The configuration files win over ``defaults``; ``facts`` win over the configuration files.
     """
 
-    name: str
-    frames: int
+    name: str  # of the scenario, of the recorded one, or of the camera
+    node: str  # that publishes the frames, 'sensor' or 'player'; empty for a camera
+    camera: str = ''  # topic of the camera
+    frames: int  # 0 for a camera, which has no last one
+    conditioned: bool = False  # whether the frames pass a conditioner
+    notes: tuple[str, ...] = ()  # what is wrong with the bag, one line each
     defaults: Layer = field(default_factory=dict)
-    facts: Layer = field(default_factory=dict)
+    facts: Layer
 
 
-def scenario_source(path: Path, scenario: Scenario) -> Source:
-    """Return the source that a simulated sensor is."""
-    return Source(
-        path.stem, scenario.frames,
-        {graph.EVERY_NODE: {
-            'sensor.snr_db': scenario.snr_db, 'rows': scenario.rows, 'cols': scenario.cols}},
-        {'sensor': {'scenario': str(path)}, 'recorder': {'topics': [*_FRAMES, *_TRUTH]}})
-
-
-def bag_source(
-    path: Path, topics: tuple[str, str], recorded: RecordedRun, nodes: Sequence[graph.Node],
-    config: Layer, overrides: Layer,
+def find_source(
+    options: RunOptions, config_folder: Path, given: Given, look: Look | None,
 ) -> Source:
     """
-    Return the source that a bag is.
+    Find the source that the options name, and read what the run must know of it.
+
+    Raises
+    ------
+    ValueError
+        One line that names the scenario, bag or camera and why it cannot be used.
+
+    """
+    if options.camera is not None:
+        assert look is not None
+        shown, topic = look(options.camera_topic), options.camera_topic
+        return _recorded(shown, options, given, node='', recordable=[topic])
+    if options.replay is not None:
+        from lowsnr_bringup.bags.recorded_run import inspect_bag  # slow to import
+        bag = inspect_bag(options.replay, options.frames_topic, options.truth_topic)
+        recordable = [*_FRAMES, *(_TRUTH if bag.truth else ())]
+        return _recorded(bag, options, given, node='player', recordable=recordable)
+    sensor = given('sensor')
+    path = find_scenario(options.scenario, config_folder / 'scenarios')
+    scenario = load_scenario(
+        path, sensor.get('sensor.frame_period_s', 1.0), sensor.get('sensor.cell_size_m', 1.0))
+    return Source(
+        name=path.stem, node='sensor', frames=scenario.frames,
+        defaults={graph.EVERY_NODE: {
+            'sensor.snr_db': scenario.snr_db, 'rows': scenario.rows, 'cols': scenario.cols}},
+        facts={'sensor': {'scenario': str(path)}, 'recorder': {'topics': [*_FRAMES, *_TRUTH]}})
+
+
+def find_scenario(text: str, folder: Path) -> Path:
+    """
+    Return the file of a scenario, given by name or path.
+
+    Raises
+    ------
+    ValueError
+        If there is none; names those of the folder.
+
+    """
+    for path in (folder / f'{text}.yaml', Path(text)):
+        if os.path.isfile(path):  # unlike Path.is_file it takes a name of any length
+            return path.resolve()
+    known = sorted(item.stem for item in folder.glob('*.yaml'))
+    raise ValueError(
+        f'scenario {text!r} is neither a file nor one of {", ".join(known)}'
+        + did_you_mean(text, known))
+
+
+def _recorded(
+    found: RecordedRun, options: RunOptions, given: Given, *, node: str, recordable: list[str],
+) -> Source:
+    """Return the source that a bag or a camera is, from what was found in its frames."""
+    conditioned = _is_conditioned(found, options)
+    size = {'rows': found.rows, 'cols': found.cols}
+    every: Values = {
+        **size, 'truth': found.truth,
+        **(found.sensor or {'sensor.frame_period_s': found.period_s})}
+    if found.seed is not None:
+        every['seed'] = found.seed
+    if conditioned:
+        settings = graph.build(ConditioningSettings, given('conditioner'), 'conditioner')
+        rows, cols = settings.size((found.rows, found.cols))
+        every |= {'rows': rows, 'cols': cols, 'sensor.noise_std': 1.0}
+    facts: dict[str, Values] = {
+        graph.EVERY_NODE: every, 'recorder': {**size, 'topics': recordable}}
+    if options.replay is not None:
+        facts['player'] = {
+            **size, 'bag': str(options.replay.resolve()), 'simulated': found.simulated,
+            'frames_topic': found.frames_topic,
+            'truth_topic': options.truth_topic if found.truth else ''}
+    if not found.simulated:
+        for name in (*graph.KINDS, *map(graph.node_of, options.detectors)):
+            for cls in graph.settings_classes(name):
+                facts.setdefault(name, {}).update(
+                    at_frame_period(cls, given(name), found.period_s))
+    return Source(
+        name=found.name, node=node, camera=options.camera_topic, frames=found.frames,
+        conditioned=conditioned, notes=found.notes, facts=facts)
+
+
+def _is_conditioned(found: RecordedRun, options: RunOptions) -> bool:
+    """Return whether the frames of a bag or camera pass a conditioner."""
+    conditioned = found.raw if options.condition == 'auto' else options.condition == 'on'
+    if conditioned and options.camera_topic == f'{graph.CONDITIONED}image_raw':
+        raise ValueError(
+            f'--camera: a run publishes {options.camera} itself, unless with --condition off')
+    if not conditioned and found.encoding != _DETECTABLE:
+        raise ValueError(
+            f'{options.replay or options.camera}: its frames are {found.encoding}, and detectors '
+            f'take {_DETECTABLE}: leave out --condition off')
+    return conditioned
+
+
+def at_frame_period(cls: type, values: Mapping[str, Any], period_s: float) -> Values:
+    """
+    Return the settings of motion for frames of another period.
+
+    The configuration states how objects move for frames one second apart.  Recorded objects
+    move about as much from frame to frame whatever the period is, so that what a setting states
+    for a second is taken for a frame.
 
     Parameters
     ----------
-    path
-        The bag.
-    topics
-        Names of its topics of frames and of truth.
-    recorded
-        What was found in it.
-    nodes
-        The nodes of the run.
-    config
-        The configuration; unless a simulation was recorded, its settings of motion hold for the
-        frames of the bag, whatever time lies between them.
-    overrides
-        What the user says beside it.
+    cls
+        Settings class.
+    values
+        Values by full name for frames one second apart; a missing one has its default.
+    period_s
+        Time from a frame to the next [s].
+
+    Returns
+    -------
+    dict
+        The settings that depend on the period, by full name.
 
     """
-    player = {
-        'bag': str(path.resolve()), 'simulated': recorded.simulated, 'frames_topic': topics[0],
-        'truth_topic': topics[1] if recorded.truth else ''}
-    sent = [*_FRAMES, *(_TRUTH if recorded.truth else ())]
-    return _source(recorded, sent, player, nodes, config, overrides)
-
-
-def camera_source(
-    topic: str, shown: RecordedRun, nodes: Sequence[graph.Node], config: Layer, overrides: Layer,
-) -> Source:
-    """Return the source that a camera is; as :func:`bag_source`, of what it was seen to show."""
-    return _source(shown, [topic], {}, nodes, config, overrides)
-
-
-def _source(
-    recorded: RecordedRun, sent: Sequence[str], player: dict[str, Any],
-    nodes: Sequence[graph.Node], config: Layer, overrides: Layer,
-) -> Source:
-    every: dict[str, Any] = {
-        'rows': recorded.rows, 'cols': recorded.cols, 'truth': recorded.truth,
-        **(recorded.sensor or {'sensor.frame_period_s': recorded.period_s})}
-    if recorded.seed is not None:
-        every['seed'] = recorded.seed
-    whole = {'rows': recorded.rows, 'cols': recorded.cols}
-    facts: Layer = {
-        graph.EVERY_NODE: every, 'recorder': whole | {'topics': list(sent)},
-        'player': whole | player}
-    given = graph.parameters(nodes, config, overrides)
-    if '/conditioner' in given:
-        conditioning = graph.build(ConditioningSettings, given['/conditioner'], 'conditioner')
-        rows, cols = conditioning.size((recorded.rows, recorded.cols))
-        every |= {'rows': rows, 'cols': cols, 'sensor.noise_std': 1.0}
-    if not recorded.simulated:
-        facts |= _cadence_layer(
-            nodes, graph.parameters(nodes, config), recorded.period_s)
-    return Source(recorded.name, recorded.frames, facts=facts)
-
-
-def _cadence_layer(nodes: Sequence[graph.Node], given: Layer, period_s: float) -> Layer:
-    return {
-        node.path: {
-            name: value for cls in graph.settings_classes(node.name)
-            for name, value in at_cadence(cls, given[node.path], period_s).items()}
-        for node in nodes}
+    scaled: Values = {}
+    for name, item in declared_settings(cls).items():
+        power = TIME_POWERS.get(name.rpartition('.')[2])
+        if power is not None:
+            value, factor = values.get(name, item.default), period_s**power
+            several = isinstance(value, (list, tuple))
+            scaled[name] = tuple(v * factor for v in value) if several else value * factor
+    return scaled

@@ -10,7 +10,12 @@ PROFILE_FILE = 'fastdds.xml'
 # Fast DDS 2 (Jazzy) and later versions read different variables.
 _VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
 # ROS otherwise overrides what the profile says of data sharing and of memory.
-_FROM_PROFILE = """\
+_FROM_PROFILE = {'RMW_FASTRTPS_USE_QOS_FROM_XML': '1'}
+_RANGE, _PEERS, _ONLY_HERE = (
+    'ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_STATIC_PEERS', 'ROS_LOCALHOST_ONLY')
+# With this range ROS adds nothing to the profile; with LOCALHOST it adds shared memory.
+_AS_IN_PROFILE = {_RANGE: 'SYSTEM_DEFAULT', _PEERS: '', _ONLY_HERE: ''}
+_PROFILE = """\
 <?xml version="1.0" encoding="UTF-8"?>
 <profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
   <transport_descriptors>

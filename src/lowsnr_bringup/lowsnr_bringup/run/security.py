@@ -63,7 +63,7 @@ def _check(keystore: Path, nodes: Iterable[str], domain: str) -> None:
     # Both are made for one domain: that of the environment, or 0.
     command = f'ROS_DOMAIN_ID={domain} ' * (domain != '0') + 'ros2 security create_'
     quoted = shlex.quote(str(keystore))
-    if not keystore.is_dir():
+    if not os.path.isdir(keystore):  # unlike Path.is_dir it takes a name of any length
         raise ValueError(f'{keystore}: no such folder: {command}keystore {quoted}')
     if lacking := _lacking(keystore, _KEYSTORE_FILES):
         raise ValueError(

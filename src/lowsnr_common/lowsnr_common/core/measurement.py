@@ -13,8 +13,8 @@ import functools
 import math
 
 from lowsnr_common.core.motion import POS
-from lowsnr_common.settings.config import check_settings
-from lowsnr_common.settings.config import setting
+from lowsnr_common.settings.declare import check_settings
+from lowsnr_common.settings.declare import setting
 import numpy as np
 import scipy
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 from lowsnr_common.core.particle_kernels import move_states
 from lowsnr_common.core.particle_kernels import switch_modes
-from lowsnr_common.settings.config import check_settings
-from lowsnr_common.settings.config import setting
+from lowsnr_common.settings.declare import check_settings
+from lowsnr_common.settings.declare import setting
 import numpy as np
 
 POS = [0, 2]

@@ -6,8 +6,8 @@ from typing import Any
 
 from lowsnr_common.ros.connections import wait_for_readers
 from lowsnr_common.ros.lifecycle import SteadyLifecycleNode
-from lowsnr_common.settings.config import changed
-from lowsnr_common.settings.config import flat_values
+from lowsnr_common.settings.flat_values import changed
+from lowsnr_common.settings.flat_values import flat_values
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 

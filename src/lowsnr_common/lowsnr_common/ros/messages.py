@@ -40,7 +40,7 @@ def stamp_from_seconds(seconds: float) -> Time:
 
 def stamp_key(stamp: Time) -> int:
     """Return a stamp as whole nanoseconds, for comparison and as a dictionary key."""
-    return stamp.sec * 1_000_000_000 + stamp.nanosec
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
 def frame_to_image(frame: np.ndarray, header: Header) -> Image:

@@ -7,9 +7,9 @@ from typing import get_args
 from typing import get_origin
 from typing import TypeVar
 
-from lowsnr_common.settings.config import build_settings
-from lowsnr_common.settings.config import declared_settings
-from lowsnr_common.settings.declaration import Setting
+from lowsnr_common.settings.declare import declared_settings
+from lowsnr_common.settings.declare import Setting
+from lowsnr_common.settings.flat_values import build_settings
 from rcl_interfaces.msg import FloatingPointRange
 from rcl_interfaces.msg import IntegerRange
 from rcl_interfaces.msg import ParameterDescriptor

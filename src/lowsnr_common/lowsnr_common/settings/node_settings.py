@@ -1,4 +1,8 @@
-"""Settings that nodes have beside those of their algorithm."""
+"""
+The settings of nodes, apart from those of their algorithms.
+
+In the order of the data: sensor, player, conditioner, detector, viewer, evaluator, recorder.
+"""
 
 from __future__ import annotations
 
@@ -6,33 +10,34 @@ from dataclasses import dataclass
 from dataclasses import field
 
 from lowsnr_common.core.measurement import SensorModel
-from lowsnr_common.settings.config import check_settings
-from lowsnr_common.settings.config import setting
+from lowsnr_common.settings.declare import check_settings
+from lowsnr_common.settings.declare import setting
 
 
 @dataclass(frozen=True, kw_only=True)
 class NodeSettings:
-    """What every node has."""
+    """Settings of every node."""
 
     autostart: bool = setting(
-        True, 'configure and activate the node by itself; false where a manager does it')
+        True, 'whether the node configures and activates itself; false if a manager does it')
     consumers: int = setting(
-        0, 'readers that the output must have, and every input a writer, before the node becomes '
-        'active; 0 waits for nobody', ge=0, le=100)
+        0, 'subscribers that the output must have before the node becomes active; above 0 the '
+        'node also waits for a publisher of every input', ge=0, le=100)
     observers: int = setting(
-        0, 'readers that every output must have beside the consumers, such as a recorder', ge=0,
-        le=100)
+        0, 'subscribers, such as a recorder, that every output must have besides the consumers',
+        ge=0, le=100)
     queue_depth: int = setting(
-        1000, 'messages kept for a slow reader; frames at most 256 MiB', ge=1, le=100_000)
+        1000, 'messages kept for a slow subscriber; of frames at most 256 MiB', ge=1, le=100_000)
     seed: int = setting(0, 'root seed of the random streams', ge=0)
     lives: int = setting(
-        0, 'how often the node was started before in the same run; above 0 it goes on where it '
-        'was', ge=0)
+        0, 'how often the node was started before in the same run; above 0 it continues where it '
+        'stopped', ge=0)
     live: bool = setting(
-        False, 'whether image_raw is that of a camera, which may go and come: nobody waits for it')
+        False, 'whether image_raw comes from a camera, which may stop and start again: the node '
+        'does not wait for it')
     silence_s: float = setting(
-        10.0, 'wall time without a message after which /diagnostics calls an input silent [s]',
-        gt=0.0)
+        10.0, 'wall time without a message after which /diagnostics reports an input as silent '
+        '[s]', gt=0.0)
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -40,38 +45,51 @@ class NodeSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class SimulationSettings:
-    """What the simulated sensor shows, and how fast."""
+    """Settings of the sensor: what it simulates, and how fast it publishes frames."""
 
     sensor: SensorModel = field(default_factory=SensorModel)
     scenario: str = setting('', 'path of the scenario file')
     frames: int = setting(0, 'frames to publish, 0 for the length of the scenario', ge=0)
     rate_hz: float = setting(
-        10.0, 'frames a second of wall time, whatever the frame period', gt=0.0, le=100_000.0)
+        10.0, 'frames a second of wall time, independent of the frame period', gt=0.0,
+        le=100_000.0)
     lockstep: bool = setting(
-        False, 'publish a frame when the one before has been scored, not by the clock')
-    loop: bool = setting(False, 'repeat the scenario, with new noise, until stopped')
+        False, 'whether a frame is published once the one before is scored, not at rate_hz')
+    loop: bool = setting(False, 'whether the scenario is repeated, with new noise, until stopped')
     patience_s: float = setting(
         15.0, 'longest wait, in lockstep, for a frame to be scored [s]', gt=0.0)
     resume_after_ns: int = setting(
-        -1, 'stamp after which the frames go on where the node was started again [ns]', ge=-1)
+        -1, 'stamp after which a restarted node continues with the frames [ns]; -1 for the first '
+        'start', ge=-1)
 
     def __post_init__(self) -> None:
         check_settings(self)
 
 
 @dataclass(frozen=True, kw_only=True)
-class DetectionSettings:
-    """Where on its curve of detection against false alarm a detector works."""
+class PlayerSettings:
+    """Settings of the player: which topics of which bag it publishes, and how fast."""
 
-    operating_point: str = setting(
-        'matched', "'matched': threshold calibrated to false_alarm_prob; 'nominal': as the test "
-        "is designed; 'manual': the parameter threshold", choices=('matched', 'nominal', 'manual'),
-        live=True)
-    false_alarm_prob: float = setting(
-        0.01, 'share of empty frames with any declaration, when matched', gt=0.0, lt=1.0,
-        live=True)
-    rows: int = setting(0, 'rows of a frame, 0 to take them from the first', ge=0, le=16384)
-    cols: int = setting(0, 'columns of a frame, 0 to take them from the first', ge=0, le=16384)
+    bag: str = setting('', 'path of the bag')
+    frames_topic: str = setting('/image_raw', 'topic of the frames in the bag')
+    truth_topic: str = setting(
+        '/ground_truth', 'topic of the truth in the bag, its odometry below it; empty for none')
+    simulated: bool = setting(
+        False, 'whether the frames are simulated; a recording of the replay carries it on')
+    frames: int = setting(0, 'frames to publish, 0 for all', ge=0)
+    cell_size_m: float = setting(1.0, 'side of a cell [m]', gt=0.0)
+    rows: int = setting(0, 'rows of a frame, 0 if not known', ge=0, le=16384)
+    cols: int = setting(0, 'columns of a frame, 0 if not known', ge=0, le=16384)
+    rate_hz: float = setting(
+        0.0, 'frames a second of wall time, 0 for the rate at which they were recorded', ge=0.0,
+        le=100_000.0)
+    lockstep: bool = setting(
+        False, 'whether a frame is published once the one before is scored, not at rate_hz')
+    patience_s: float = setting(
+        15.0, 'longest wait, in lockstep, for the score of a frame [s]', gt=0.0)
+    resume_after_ns: int = setting(
+        -1, 'stamp after which a restarted node continues with the frames [ns]; -1 for the first '
+        'start', ge=-1)
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -79,10 +97,44 @@ class DetectionSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class TruthSettings:
-    """Whether a node that changes the pixels of frames takes the truth with them."""
+    """Settings of the conditioner about the truth; it changes the pixels of the frames."""
 
     sensor: SensorModel = field(default_factory=SensorModel)
-    truth: bool = setting(True, 'whether there is a truth to pass on, in the new pixels')
+    truth: bool = setting(True, 'whether there is a truth to republish in the new pixels')
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DetectionSettings:
+    """Settings of the node of a detector: its operating point, and the size of its frames."""
+
+    operating_point: str = setting(
+        'matched', "'matched': the threshold is calibrated to false_alarm_prob; 'nominal': the "
+        "threshold of the test's design; 'manual': the parameter threshold",
+        choices=('matched', 'nominal', 'manual'), live=True)
+    false_alarm_prob: float = setting(
+        0.01, 'share of empty frames with any declaration, if matched', gt=0.0, lt=1.0,
+        live=True)
+    rows: int = setting(0, 'rows of a frame; 0 takes those of the first frame', ge=0, le=16384)
+    cols: int = setting(0, 'columns of a frame; 0 takes those of the first frame', ge=0, le=16384)
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewSettings:
+    """Settings of the viewer: how the overlay and the markers look."""
+
+    sensor: SensorModel = field(default_factory=SensorModel)
+    side: int = setting(
+        480, 'least length of the longer side of the overlay [pixels]', ge=1, le=4096)
+    trail_frames: int = setting(
+        40, 'length of the trail of a track [frames]', ge=1, le=1000)
+    ellipse_sigmas: float = setting(
+        2.0, 'half axes of the ellipse of a track [standard deviations]', gt=0.0, le=10.0)
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -90,17 +142,17 @@ class TruthSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class RunSettings:
-    """Which chains are scored, and the folder of the results."""
+    """Settings of the evaluator: which chains it scores, and the folder of the results."""
 
-    results: str = setting('results/run', 'folder for the scores, made where it is missing')
-    scenario: str = setting('', 'name of what the frames show, for the summary')
+    results: str = setting('results/run', 'folder for the scores; a missing one is made')
+    scenario: str = setting('', 'name of the scenario, bag or camera, for the summary')
     detectors: tuple[str, ...] = setting(('sdt',), 'names of the chains')
     operating_points: tuple[str, ...] = setting(
         ('matched',), 'operating point of each chain, for the summary')
     namespaces: bool = setting(
-        False, 'whether each chain has its topics in a namespace of its name')
+        False, 'whether the topics of each chain are in a namespace of its name')
     truth: bool = setting(
-        True, 'whether truth comes with the frames; without it what is declared is counted alone')
+        True, 'whether a truth is published; without it declarations are only counted')
     answer_within_s: float = setting(
         10.0, 'wall time after which a frame counts as unanswered [s]', gt=0.0)
 
@@ -112,13 +164,14 @@ class RunSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluation:
-    """What counts as a hit, and what an object missed or declared in vain costs."""
+    """Settings of the evaluator: the largest distance of a hit, and the cutoff of GOSPA."""
 
     sensor: SensorModel = field(default_factory=SensorModel)
     gate_cells: float = setting(
-        1.5, 'largest distance from an object at which an estimate hits it [cells]', gt=0.0)
+        1.5, 'largest distance of an estimate from an object that counts as a hit [cells]', gt=0.0)
     gospa_cutoff_cells: float = setting(
-        5.0, 'distance c of GOSPA beyond which an object counts as missed [cells]', gt=0.0)
+        5.0, 'cutoff c of GOSPA: the distance from which an object counts as missed [cells]',
+        gt=0.0)
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -135,16 +188,16 @@ class Evaluation:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ViewSettings:
-    """What viewers are shown."""
+class RecorderSettings:
+    """Settings of the recorder: where it writes, and which topics it waits for."""
 
-    sensor: SensorModel = field(default_factory=SensorModel)
-    side: int = setting(
-        480, 'least length of the longer side of an overlay [pixels]', ge=1, le=4096)
-    trail_frames: int = setting(
-        40, 'frames over which the past of a track is shown', ge=1, le=1000)
-    ellipse_sigmas: float = setting(
-        2.0, 'half axes of the ellipse of a track, in standard deviations', gt=0.0, le=10.0)
+    bag: str = setting('bag', 'folder of the bag, which must not exist')
+    storage: str = setting('mcap', 'storage format of the bag', choices=('mcap', 'sqlite3'))
+    run_parameters: str = setting('', 'parameter file of the run, which is copied into the bag')
+    topics: tuple[str, ...] = setting(
+        (), 'topics that must be received before the recorder becomes active')
+    rows: int = setting(0, 'rows of a frame, 0 if not known', ge=0, le=16384)
+    cols: int = setting(0, 'columns of a frame, 0 if not known', ge=0, le=16384)
 
     def __post_init__(self) -> None:
         check_settings(self)

@@ -1,35 +1,42 @@
-"""Text from outside: YAML read without harm, and anything said in one line."""
+"""Text from outside: YAML that is safe to load, and messages of one line."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+import difflib
 import math
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-# Values that a text may hold, each alias written out.
-_MOST_VALUES = 200_000
+_MOST_VALUES = 200_000  # in one text, with every alias written out
 _MOST_LETTERS = 600
 _MOST_DIGITS = 40
 _WHOLE_NUMBER = 'tag:yaml.org,2002:int'
-# What the values of a text that is YAML may still raise: dates, numbers and tags that are none.
+# What the YAML library raises for a date, a number or a tag that is malformed.
 _NO_VALUE = (
     ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError)
 
 
-def one_line(said: object) -> str:
-    """Return what is said in one line that a terminal shows as it is, its middle left out."""
-    words = ''.join(each if each.isprintable() else ' ' for each in str(said)).split()
+def one_line(message: object) -> str:
+    """Return a message as one printable line; the middle of a long one is left out."""
+    words = ''.join(each if each.isprintable() else ' ' for each in str(message)).split()
     line = ' '.join(words)
     if len(line) <= _MOST_LETTERS:
         return line
     return f'{line[:_MOST_LETTERS // 2]} ... {line[-_MOST_LETTERS // 2:]}'
 
 
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return the end of a message that offers the known name nearest to a misspelt one."""
+    near = difflib.get_close_matches(name, list(known), n=1)
+    return f'; did you mean {near[0]}?' if near else ''
+
+
 def read_yaml(path: Path) -> Any:
     """
-    Return what a file of YAML holds, as :func:`load_yaml` does.
+    Return the content of a YAML file, as :func:`load_yaml` does.
 
     Raises
     ------
@@ -49,12 +56,12 @@ def read_yaml(path: Path) -> Any:
 
 def load_yaml(text: str) -> Any:
     """
-    Return what YAML holds: mappings, lists, texts and numbers, never other objects.
+    Return the content of a YAML text: mappings, lists, texts and numbers, never other objects.
 
     Raises
     ------
     ValueError
-        One line that says why it is not YAML, or too much of it.
+        One line that says why the text is not YAML, or that it holds too much.
 
     """
     loader = yaml.SafeLoader('')
@@ -64,7 +71,7 @@ def load_yaml(text: str) -> Any:
         if node is None:
             return None
         if _size(node, {}) > _MOST_VALUES:
-            raise ValueError('its aliases name themselves, or it holds too many values')
+            raise ValueError('it holds too many values, or an alias that contains itself')
         return loader.construct_document(node)
     except (yaml.YAMLError, *_NO_VALUE) as error:
         raise ValueError(f'is not YAML: {one_line(error) or type(error).__name__}') from None
@@ -73,7 +80,7 @@ def load_yaml(text: str) -> Any:
 
 
 def _size(node: yaml.Node, sizes: dict[int, float]) -> float:
-    """Return the number of values in a node with each alias written out; inf within itself."""
+    """Return the number of values in a node, with every alias written out; inf for a cycle."""
     key = id(node)
     if key not in sizes:
         if node.tag == _WHOLE_NUMBER and len(node.value) > _MOST_DIGITS:

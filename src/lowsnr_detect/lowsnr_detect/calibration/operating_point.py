@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 from typing import TypeVar
 
-from lowsnr_common.settings.config import flat_values
+from lowsnr_common.settings.flat_values import flat_values
 from lowsnr_common.settings.node_settings import DetectionSettings
 from lowsnr_detect.calibration.cache import cache_key
 from lowsnr_detect.calibration.cache import default_folder

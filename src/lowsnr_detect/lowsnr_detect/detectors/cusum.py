@@ -21,7 +21,7 @@ from dataclasses import field
 from typing import ClassVar
 
 from lowsnr_common.core.motion import MotionModes
-from lowsnr_common.settings.config import setting
+from lowsnr_common.settings.declare import setting
 from lowsnr_detect.parts.bands import in_bands
 from lowsnr_detect.parts.cell_detector import CellDetector
 from lowsnr_detect.parts.centroids import with_centroids
@@ -92,7 +92,7 @@ class CUSUM(CellDetector):
 
     @property
     def frames_per_declaration(self) -> int:
-        """Number of frames whose noise successive declarations of one object share."""
+        """Return the number of frames over which errors of declarations are correlated."""
         return CORRELATED_FRAMES
 
     def init(self, shape: tuple[int, ...]) -> np.ndarray:

@@ -33,7 +33,7 @@ from dataclasses import field
 
 from lowsnr_common.core.destination import Destination
 from lowsnr_common.core.likelihood import relative_likelihood
-from lowsnr_common.settings.config import setting
+from lowsnr_common.settings.declare import setting
 from lowsnr_detect.parts.destination_moves import cell_likelihoods
 from lowsnr_detect.parts.destination_moves import move_likelihoods
 from lowsnr_detect.parts.detector import Declarations

@@ -34,7 +34,7 @@ from typing import Self
 from lowsnr_common.core.destination import Destination
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.core.motion import MotionModes
-from lowsnr_common.settings.config import setting
+from lowsnr_common.settings.declare import setting
 from lowsnr_detect.parts.bands import in_bands
 from lowsnr_detect.parts.cell_detector import CellDetector
 from lowsnr_detect.parts.destination_moves import log_destination_terms
@@ -206,7 +206,7 @@ class SDT(CellDetector):
 
     @functools.cached_property
     def _bounds(self) -> tuple[float, float, float]:
-        """The bounds ln th_1, ln th_2 and ln tau, rounded for comparison in float32 [nat]."""
+        """Return ln th_1, ln th_2 and ln tau, rounded for comparison in float32 [nat]."""
         lower, upper = wald_bounds(self.alpha, self.beta)[0], self.upper_threshold
         return (
             float(floor32(lower)), float(floor32(max(upper, self.threshold))),
@@ -229,12 +229,12 @@ class SDT(CellDetector):
 
     @property
     def frames_per_declaration(self) -> int:
-        """Number of frames whose noise successive declarations of one object share: s_m."""
+        """Return the number of frames over which errors of declarations are correlated: s_m."""
         return self.max_iterations
 
-    @property
+    @functools.cached_property
     def suppressed_reach(self) -> int:
-        """Cells on each side that a declaration suppresses, those of the blur included."""
+        """Return the cells on each side that a declaration suppresses, blur included."""
         if self.thinning_reach >= 0:
             return self.thinning_reach
         # A path may leave the object in its last frames.  At 6 dB and 1 % false alarms this holds
@@ -242,9 +242,9 @@ class SDT(CellDetector):
         return self.sensor.blur_reach + self.radius * min(
             self.max_iterations - 1, 3 if self.max_iterations > 5 else 2)
 
-    @property
+    @functools.cached_property
     def position_std_m(self) -> float:
-        """Standard deviation of a declared position per axis [m]."""
+        """Return the standard deviation of a declared position per axis [m]."""
         # Uniform in the cell, and the distance of the cell from the object's: with s_m = 5 at 6 dB
         # its variance is 0.40 cells^2 within 5 cells (0.12 at 9 dB; 150 runs, random.yaml).
         return self.sensor.cell_size_m * math.sqrt(1.0 / 12.0 + 0.4 * (self.max_iterations > 1))

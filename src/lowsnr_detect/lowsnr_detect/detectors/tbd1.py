@@ -29,7 +29,7 @@ from lowsnr_common.core.particles import normalise
 from lowsnr_common.core.particles import pick
 from lowsnr_common.core.particles import systematic_resample
 from lowsnr_common.core.particles import weighted_moments
-from lowsnr_common.settings.config import setting
+from lowsnr_common.settings.declare import setting
 from lowsnr_detect.parts.births import ConstantVelocity
 from lowsnr_detect.parts.births import draw_births
 from lowsnr_detect.parts.births import log_birth_proposal

@@ -15,10 +15,10 @@ from lowsnr_common.ros.parameters import declare
 from lowsnr_common.ros.qos import any_reliability
 from lowsnr_common.ros.qos import frame_depth
 from lowsnr_common.ros.qos import reliable
-from lowsnr_common.settings.config import changed
+from lowsnr_common.settings.flat_values import changed
 from lowsnr_common.settings.node_settings import DetectionSettings
+from lowsnr_detect.node.live_detector import check_effect
 from lowsnr_detect.node.live_detector import LiveDetector
-from lowsnr_detect.node.live_detector import refuse_without_effect
 from lowsnr_detect.node.live_detector import warm_up
 from lowsnr_detect.parts.detector import refuse_late_answers
 from lowsnr_detect.parts.registry import detector_class
@@ -48,7 +48,7 @@ class DetectorNode(ManagedNode):
         detector, operating = self.live
         warm_up(detector)
         shape = (operating.rows, operating.cols)
-        self._work = self._at_work(shape) if all(shape) else None
+        self._work = self._start(shape) if all(shape) else None
         self._rng = stream(self.settings.seed, 'detector')
         depth = self.settings.queue_depth
         self._array = self.create_publisher(
@@ -60,13 +60,13 @@ class DetectorNode(ManagedNode):
             Image, 'image_raw', self._on_frame, any_reliability(frame_depth(depth, *shape)))
         return TransitionCallbackReturn.SUCCESS
 
-    def _at_work(self, shape: tuple[int, int]) -> LiveDetector:
+    def _start(self, shape: tuple[int, int]) -> LiveDetector:
         return LiveDetector(self.name, self.live, shape, self.get_logger().info)
 
     def complete(self, values: dict[str, Any]) -> dict[str, Any]:
         """Reject what cannot be put in force; 'manual' begins with the thresholds in force."""
         detector, operating = (changed(one, values) for one in self.live)
-        refuse_without_effect(values, (detector, operating))
+        check_effect(values, (detector, operating))
         if self._work is None:
             return values
         self._work.check((detector, operating))
@@ -87,7 +87,8 @@ class DetectorNode(ManagedNode):
             work = self._work_for(frame)
         except Malformed as error:
             self.refuse(
-                f'image_raw: {error}; frame refused, answered empty', f'image_raw {error.reason}')
+                f'image_raw: {error}; frame rejected, empty array published',
+                f'image_raw {error.reason}')
             self._publish([], image.header)
             return
         self._publish(work.step(frame, self._rng).estimates(), image.header)
@@ -96,7 +97,7 @@ class DetectorNode(ManagedNode):
         """Return the detector, which the first frame starts; Malformed for another size."""
         rows, cols = frame.shape
         if self._work is None:
-            self._work = self._at_work((rows, cols))
+            self._work = self._start((rows, cols))
         elif self._work.shape != frame.shape:
             raise Malformed(
                 'change of size', f'frame of {cols} x {rows} cells after frames of '

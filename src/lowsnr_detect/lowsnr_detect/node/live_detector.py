@@ -6,7 +6,7 @@ from collections.abc import Callable
 from collections.abc import Iterable
 from dataclasses import replace
 
-from lowsnr_common.settings.config import flat_values
+from lowsnr_common.settings.flat_values import flat_values
 from lowsnr_common.settings.node_settings import DetectionSettings
 from lowsnr_detect.calibration.curve import Curve
 from lowsnr_detect.calibration.operating_point import at_operating_point
@@ -122,9 +122,9 @@ def warm_up(detector: Detector) -> None:
             state, _ = detector.step(state, np.zeros(_WARM_UP_SHAPE, dtype=kind), rng)
 
 
-def refuse_without_effect(names: Iterable[str], settings: Settings) -> None:
+def check_effect(names: Iterable[str], settings: Settings) -> None:
     """
-    Reject changes of settings that would have no effect, or more than their own.
+    Check that a change of settings has an effect, and none beyond its own.
 
     Parameters
     ----------

@@ -1,1 +1,1 @@
-"""What detectors share."""
+"""Models, statistics and loops that several detectors use."""

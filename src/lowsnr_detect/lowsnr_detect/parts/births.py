@@ -8,7 +8,7 @@ from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.core.motion import MotionModes
 from lowsnr_common.core.motion import POS
 from lowsnr_common.core.motion import VEL
-from lowsnr_common.settings.config import setting
+from lowsnr_common.settings.declare import setting
 import numpy as np
 
 # Fraction of the births that is proposed uniformly.  It bounds the weight of a birth in a dim

@@ -5,14 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from dataclasses import field
 from dataclasses import replace
+import functools
 import math
 from typing import Any
 from typing import ClassVar
 from typing import Self
 
 from lowsnr_common.core.measurement import SensorModel
-from lowsnr_common.settings.config import check_settings
-from lowsnr_common.settings.config import setting
+from lowsnr_common.settings.declare import check_settings
+from lowsnr_common.settings.declare import setting
 from lowsnr_detect.parts.detector import Declarations
 from lowsnr_detect.parts.thinning import declare_cells
 from lowsnr_detect.parts.wald_bounds import wald_bounds
@@ -46,17 +47,17 @@ class CellDetector:
 
     @property
     def frames_per_declaration(self) -> int:
-        """Number of frames whose noise successive declarations of one object share."""
+        """Return the number of frames over which errors of declarations are correlated."""
         return 1
 
-    @property
+    @functools.cached_property
     def suppressed_reach(self) -> int:
-        """Cells on each side that a declaration suppresses, those of the blur included."""
+        """Return the cells on each side that a declaration suppresses, blur included."""
         return self.thinning_reach + self.sensor.blur_reach
 
-    @property
+    @functools.cached_property
     def position_std_m(self) -> float:
-        """Standard deviation of a declared position per axis [m]: uniform in its cell."""
+        """Return the standard deviation of a position in its cell, per axis [m]: uniform."""
         return self.sensor.cell_size_m / math.sqrt(12.0)
 
     def nominal(self) -> Self:

@@ -41,6 +41,8 @@ def with_centroids(
 
     """
     found = declared.score > 0.0
+    if not found.any():
+        return declared
     run = np.nonzero(found.reshape(-1, found.shape[-1]))[0]
     col, row = np.rint(declared.state[found][:, POS].T / cell_size_m).astype(np.intp)
     window = _windows(plane.reshape(-1, *plane.shape[-2:]), run, row, col, reach)

@@ -95,7 +95,7 @@ class Detector(Protocol):
 
     @property
     def frames_per_declaration(self) -> int:
-        """Number of frames whose noise successive declarations of one object share."""
+        """Return the number of frames over which errors of declarations are correlated."""
         ...
 
     def nominal(self) -> Self:

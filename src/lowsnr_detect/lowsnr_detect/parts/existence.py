@@ -18,12 +18,12 @@ from typing import Self
 
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.core.motion import MotionModes
-from lowsnr_common.settings.config import check_settings
-from lowsnr_common.settings.config import setting
+from lowsnr_common.settings.declare import check_settings
+from lowsnr_common.settings.declare import setting
 from lowsnr_detect.parts.detector import CORRELATED_FRAMES
 from lowsnr_detect.parts.detector import Declarations
 import numpy as np
-from scipy.special import expit
+import scipy
 
 # Largest log odds that the chain is advanced with: exp(-500) is still above zero in float64.
 _LARGEST_LOG_ODDS = 500.0
@@ -67,7 +67,7 @@ class Existence:
             return np.array(self.initial_prob), np.array(0.0), np.array(1.0 - self.initial_prob)
         # Certainty would last for ever: no object could then be born or die.
         bounded = np.clip(log_odds, -_LARGEST_LOG_ODDS, _LARGEST_LOG_ODDS)
-        present, none = expit(bounded), expit(-bounded)
+        present, none = scipy.special.expit(bounded), scipy.special.expit(-bounded)
         return (
             self.birth_prob * none,
             (1.0 - self.death_prob) * present,
@@ -100,7 +100,7 @@ def declare_posterior(
     """
     found = np.asarray(log_odds > threshold)
     # A score of zero means no declaration, so that a tiny probability is rounded up.
-    score = np.where(found, np.maximum(expit(log_odds), np.finfo(float).tiny), 0.0)
+    score = np.where(found, np.maximum(scipy.special.expit(log_odds), np.finfo(float).tiny), 0.0)
     mean = np.full((*found.shape, 1, 4), np.nan)
     cov = np.full((*found.shape, 1, 4, 4), np.nan)
     if found.any():
@@ -126,7 +126,7 @@ class PosteriorDetector:
 
     @property
     def frames_per_declaration(self) -> int:
-        """Number of frames whose noise successive declarations of one object share."""
+        """Return the number of frames over which errors of declarations are correlated."""
         return CORRELATED_FRAMES
 
     def nominal(self) -> Self:

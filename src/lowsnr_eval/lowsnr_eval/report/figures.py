@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
 import io
+from itertools import product
 from typing import Any
 
 import matplotlib as mpl
@@ -30,6 +31,7 @@ _STYLE: Any = {
 _TITLES = {
     'pd': '$P_D$, or $P_{FA}$ outside', 'rmse_position_m': 'RMSE of position [m]',
     'rmse_velocity_mps': 'RMSE of velocity [m/s]', 'gospa_m': 'GOSPA [m]', 'hits': 'objects hit'}
+_LEVELS = {'detection': 'detections', 'tracking': 'tracks'}
 _DOTS_PER_INCH = 150
 # More bands than this cover each other; the tables hold all of them.
 _MOST_BANDS = 4
@@ -83,10 +85,8 @@ def curves_over_frames(
 
     In frames without the object the P_D panels show the share of runs with a declaration.
     """
-    levels = ('detection', 'tracking')
-    figure, panels = _figure(7.4, 2.2 * len(measures) + 0.9, len(measures), len(levels))
-    for number, axes in enumerate(panels):
-        measure, level = measures[number // 2], levels[number % 2]
+    figure, panels = _level_panels(measures, 2.2 * len(measures) + 0.9)
+    for axes, measure, level in panels:
         for line in series:
             if level in line.curves:
                 _draw_line(axes, line, line.curves[level], measure, len(series) <= _MOST_BANDS)
@@ -95,13 +95,9 @@ def curves_over_frames(
         axes.axvspan(present[0] - 0.5, present[1] + 0.5, color='0.5', alpha=0.08, linewidth=0)
         axes.set_ylim(bottom=0.0, top=1.02 if measure == 'pd' else None)
         axes.set_xlim(0.5, frames + 0.5)
-        if number % 2 == 0:
-            axes.set_ylabel(_TITLES[measure])
-        if number < 2:
-            axes.set_title({'detection': 'detections', 'tracking': 'tracks'}[level])
-        if number >= len(panels) - 2:
+        if measure == measures[-1]:
             axes.set_xlabel('frame (shaded: object present)')
-    _legend_below(figure, panels[0])
+    _legend_below(figure, panels[0][0])
     figure.suptitle(title, fontsize=10)
     return figure
 
@@ -112,9 +108,8 @@ def single_run(
     curves: Mapping[tuple[str, str, str], np.ndarray], present: Sequence[int],
 ) -> Figure:
     """Draw curves by (name, level, measure) over the frames of one run, as dots."""
-    figure, panels = _figure(7.4, 1.5 * len(measures) + 0.7, len(measures), 2)
-    for number, axes in enumerate(panels):
-        measure, level = measures[number // 2], ('detection', 'tracking')[number % 2]
+    figure, panels = _level_panels(measures, 1.5 * len(measures) + 0.7)
+    for axes, measure, level in panels:
         for n, name in enumerate(names):
             curve = curves.get((name, level, measure), np.array([]))
             label = name.replace('$', r'\$')  # '$' would begin a formula
@@ -125,29 +120,30 @@ def single_run(
             if part.size:
                 axes.axvspan(part[0] - 0.5, part[-1] + 0.5, color='0.5', alpha=0.08, linewidth=0)
         axes.set_ylim(bottom=0.0)
-        if number % 2 == 0:
-            axes.set_ylabel(_TITLES[measure])
-        if number < 2:
-            axes.set_title(('detections', 'tracks')[number])
-    _legend_below(figure, panels[0])
+    _legend_below(figure, panels[0][0])
     return figure
 
 
 @mpl.rc_context(_STYLE)
 def detection_against_false_alarms(
-    panels: Mapping[str, Mapping[str, Sequence[tuple[float, float]]]],
-    nominal: Mapping[str, Mapping[str, tuple[float, float]]],
+    panels: Mapping[str, Mapping[str, tuple[Sequence[tuple[float, float]], ...]]],
 ) -> Figure:
-    """Draw P_D against P_FA of each method, a panel for each SNR; stars are nominal."""
+    """
+    Draw P_D against P_FA of each method, a panel for each SNR.
+
+    ``panels`` holds two lists of (P_FA, P_D) for each method: its curve, and its nominal
+    operating point, which becomes a star.
+    """
     figure, all_axes = _figure(max(5.4, 3.6 * len(panels) + 0.4), 4.2, 1, len(panels))
     for axes, (title, methods) in zip(all_axes, panels.items()):
-        for number, (label, curve) in enumerate(methods.items()):
-            shown = np.array([(x, y) for x, y in curve if x > 0.0]).reshape(-1, 2)
+        for number, (label, both) in enumerate(methods.items()):
+            curve, nominal = (  # a logarithmic axis has no zero
+                np.array([(x, y) for x, y in some if x > 0.0]).reshape(-1, 2) for some in both)
             marking = _marking(number)
-            axes.plot(*shown.T, label=label, **marking)
-            if label in nominal[title]:
-                axes.plot(*nominal[title][label], linestyle='none', markersize=10,
-                          marker='*', color=marking['color'], markeredgecolor='black')
+            axes.plot(*curve.T, label=label, **marking)
+            if nominal.size:
+                axes.plot(*nominal.T, linestyle='none', markersize=10, marker='*',
+                          color=marking['color'], markeredgecolor='black')
         axes.axvline(0.01, color='0.4', linewidth=0.8, linestyle=':')
         axes.set(xscale='log', ylim=(0.0, 1.02), title=title,
                  xlabel='$P_{FA}$ per empty frame', ylabel='$P_D$')
@@ -195,6 +191,20 @@ def render(figure: Figure) -> tuple[str, bytes]:
 def _figure(width: float, height: float, rows: int, cols: int) -> tuple[Figure, list[Axes]]:
     figure = Figure(figsize=(width, height))
     return figure, list(np.ravel(figure.subplots(rows, cols, squeeze=False)))
+
+
+def _level_panels(
+    measures: Sequence[str], height: float,
+) -> tuple[Figure, list[tuple[Axes, str, str]]]:
+    """Return panels of measures (rows) for detections and tracks (columns), with titles."""
+    figure, panels = _figure(7.4, height, len(measures), len(_LEVELS))
+    places = list(zip(panels, *zip(*product(measures, _LEVELS))))
+    for axes, measure, level in places:
+        if level == 'detection':
+            axes.set_ylabel(_TITLES[measure])
+        if measure == measures[0]:
+            axes.set_title(_LEVELS[level])
+    return figure, places
 
 
 def _marking(number: int) -> dict[str, Any]:

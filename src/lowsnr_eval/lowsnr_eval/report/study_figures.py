@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from collections.abc import Sequence
 from functools import partial
 
 from lowsnr_common.core.motion import POS
@@ -11,7 +10,6 @@ from lowsnr_eval.report import figures
 from lowsnr_eval.report.figures import Series
 from lowsnr_eval.study.experiment import simulate_run
 from lowsnr_eval.study.run_scores import frame_curves
-from lowsnr_eval.study.study import EMPTY
 from lowsnr_eval.study.study import LEVELS
 from lowsnr_eval.study.study import OBJECT
 from lowsnr_eval.study.study import POINTS
@@ -101,30 +99,17 @@ def _trade_offs(results: StudyResults) -> Plan:
     study = results.study
     few = study.options.few_runs
     curves = {f'{snr:g} dB, {few} runs or more': {
-        name: roc(results, snr, name) for name in study.labels} for snr in study.snrs_db}
-    nominal = dict(zip(curves, (
-        _nominal(results, snr, study.labels) for snr in study.snrs_db)))
+        name: (roc(results, snr, name), roc(results, snr, name, ('nominal',)))
+        for name in study.labels} for snr in study.snrs_db}
     snrs = {f'{point} thresholds, {few} runs or more': {
         name: snr_curve(results, name, point) for name in study.labels} for point in POINTS}
     return {
         'roc': ('P_D against P_FA of detections; the dotted line is the matched operating '
                 'point, stars are nominal thresholds.',
-                partial(figures.detection_against_false_alarms, curves, nominal)),
+                partial(figures.detection_against_false_alarms, curves)),
         'snr': ('P_D of detections against SNR.',
                 partial(figures.detection_against_snr, snrs)),
         'time': ('CPU time for a frame.', partial(figures.time_per_frame, median_times(results)))}
-
-
-def _nominal(
-    results: StudyResults, snr_db: float, labels: Sequence[str],
-) -> dict[str, tuple[float, float]]:
-    found, quiet = results.of(OBJECT, snr_db), results.of(EMPTY, snr_db)
-    keys = {label: (label, 'nominal', 'detection') for label in labels}
-    return {
-        label: (float(np.mean(quiet[key].declared > 0)),
-                float(np.mean(found[key].hit[found[key].present])))
-        for label, key in keys.items()
-        if key in found and key in quiet and np.any(quiet[key].declared > 0)}
 
 
 def _series(

@@ -9,7 +9,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from lowsnr_common.settings.config import flat_values
+from lowsnr_common.settings.flat_values import flat_values
 from lowsnr_eval.report import html_page as pages
 from lowsnr_eval.report.html_page import Markup
 from lowsnr_eval.report.study_figures import draw_all
@@ -23,9 +23,12 @@ from lowsnr_eval.study.verdicts import HOLDS
 from lowsnr_eval.study.workers import Workers
 
 REPORT_FILE = 'report.html'
-_POINT_COLUMNS = (
-    'detector', 'snr_db', 'operating_point', 'level', 'pd', 'pfa_per_frame', 'rmse_position_m',
-    'rmse_velocity_mps', 'gospa_m', 'runs')
+# Headers of the table of figures of merit, by their key in ``summary.json``.
+_COLUMNS = {
+    'detector': 'detector', 'snr_db': 'SNR [dB]', 'operating_point': 'operating point',
+    'level': 'level', 'pd': 'P_D', 'pfa_per_frame': 'P_FA per frame',
+    'pfa_empty': 'P_FA without object', 'rmse_position_m': 'RMSE position [m]',
+    'rmse_velocity_mps': 'RMSE velocity [m/s]', 'gospa_m': 'GOSPA [m]', 'runs': 'runs'}
 _LEGEND = (
     'P_D: share of the frames with the object in which it was hit within the gate. P_FA: share '
     'of the frames of runs without the object that hold any declaration, first of the side '
@@ -134,7 +137,8 @@ def _report(
         pages.section('Figures of merit', _points_table(summary), _POINTS_NOTE),
         pages.section('Figures', *pictures),
         pages.section(
-            'Time', _times_table(times),
+            'Time', pages.table(('chain', 'detector [ms a frame]', 'tracker [ms a frame]'), [
+                (name, time['detector_ms'], time['tracker_ms']) for name, time in times.items()]),
             'CPU time of one core; it is the only thing here that differs from run to run of '
             'the same seed.'),
         pages.section('How to run again', pages.preformatted(command), pages.versions(),
@@ -143,19 +147,10 @@ def _report(
 
 
 def _points_table(summary: Mapping[str, Any]) -> Markup:
-    headers = ('detector', 'SNR [dB]', 'operating point', 'level', 'P_D', 'P_FA per frame',
-               'P_FA without object', 'RMSE position [m]', 'RMSE velocity [m/s]', 'GOSPA [m]',
-               'runs')
-    return pages.table(headers, [
-        [row[key] for key in _POINT_COLUMNS[:6]]
-        + [row.get('empty_runs', {}).get('pfa_per_frame')]
-        + [row[key] for key in _POINT_COLUMNS[6:]]
-        for row in summary['points']])
-
-
-def _times_table(times: Mapping[str, Any]) -> Markup:
-    return pages.table(('chain', 'detector [ms a frame]', 'tracker [ms a frame]'), [
-        (name, time['detector_ms'], time['tracker_ms']) for name, time in times.items()])
+    rows = [row | {'pfa_empty': row.get('empty_runs', {}).get('pfa_per_frame')}
+            for row in summary['points']]
+    return pages.table(
+        list(_COLUMNS.values()), [[row[key] for key in _COLUMNS] for row in rows])
 
 
 def _settings(results: StudyResults) -> list[Markup]:

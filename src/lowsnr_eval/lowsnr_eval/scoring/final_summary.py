@@ -10,14 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from lowsnr_bringup.plan.graph import build
-from lowsnr_bringup.run.results_folder import Account
-from lowsnr_bringup.run.results_folder import cannot_write
-from lowsnr_bringup.run.results_folder import FRAMES_FILE
-from lowsnr_bringup.run.results_folder import LATENCY_FILE
-from lowsnr_bringup.run.results_folder import PARAMETERS_FILE
-from lowsnr_bringup.run.results_folder import RESTARTS_FILE
-from lowsnr_bringup.run.results_folder import SUMMARY_FILE
-from lowsnr_common.settings.config import flat_values
+from lowsnr_bringup.run import results_folder as files
+from lowsnr_common.settings.flat_values import flat_values
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.node_settings import RunSettings
 from lowsnr_common.settings.text import read_yaml
@@ -29,7 +23,7 @@ SCHEMA = 1
 
 
 def summarize(
-    folder: Path, run: RunSettings, evaluation: Evaluation, seed: int, account: Account,
+    folder: Path, run: RunSettings, evaluation: Evaluation, seed: int, account: files.Account,
 ) -> dict[str, Any]:
     """
     Return what ``summary.json`` holds, from the tables of a run.
@@ -53,9 +47,9 @@ def summarize(
 
     """
     tallies = Tallies(run.detectors)
-    for scores in read_frames(folder / FRAMES_FILE, run.detectors):
+    for scores in read_frames(folder / files.FRAMES_FILE, run.detectors):
         tallies.add(scores)
-    for times in read_latency(folder / LATENCY_FILE, run.detectors):
+    for times in read_latency(folder / files.LATENCY_FILE, run.detectors):
         tallies.add_latency(times.detector, times.latency_ms, times.detection_ms)
     detectors = tallies.figures()
     for name, point in zip(run.detectors, run.operating_points):
@@ -76,37 +70,23 @@ def summarize(
 
 def write_summary(folder: Path, summary: Mapping[str, Any]) -> None:
     """Write ``summary.json``, whole or not at all; ValueError names a folder that has no room."""
-    draft = folder / f'{SUMMARY_FILE}.tmp'
+    draft = folder / f'{files.SUMMARY_FILE}.tmp'
     text = json.dumps(summary, indent=2, allow_nan=False) + '\n'
     try:
         draft.write_text(text, encoding='utf-8')
-        draft.replace(folder / SUMMARY_FILE)
+        draft.replace(folder / files.SUMMARY_FILE)
     except OSError as error:
-        raise cannot_write(folder, error) from None
+        raise files.cannot_write(folder, error) from None
 
 
-def summarize_run(folder: Path, evaluator: Mapping[str, Any], account: Account) -> None:
+def summarize_run(folder: Path, evaluator: Mapping[str, Any], account: files.Account) -> None:
     """
-    Write the summary of a run into its results folder.
+    Write the summary of a run, of which the parameters of the evaluator are given.
 
-    It writes nothing where the evaluator did not begin its table.
-
-    Parameters
-    ----------
-    folder
-        Results folder.
-    evaluator
-        Parameters of the evaluator.
-    account
-        What only the process that started the nodes knows.
-
-    Raises
-    ------
-    OSError, ValueError
-        As :func:`summarize`; also if the summary cannot be written.
-
+    It writes nothing where the evaluator did not begin its table, and raises what
+    :func:`summarize` and :func:`write_summary` raise.
     """
-    table = folder / FRAMES_FILE
+    table = folder / files.FRAMES_FILE
     if table.is_file() and table.stat().st_size:
         write_summary(folder, summarize(
             folder, build(RunSettings, evaluator, 'evaluator'),
@@ -117,30 +97,24 @@ def summarize_folder(folder: Path) -> None:
     """
     Write the summary of a run whose starter was killed, or that still runs.
 
-    The frames that its source published are taken from an earlier summary, if there is one;
-    frames that the evaluator has not seen are not known otherwise.
-
-    Raises
-    ------
-    OSError, ValueError
-        As :func:`summarize_run`; also if the folder does not hold the parameters of a run, or
-        nothing was scored.
-
+    An earlier summary tells how many frames the source published; without it, frames that the
+    evaluator has not seen are unknown.  A folder without the parameters of a run, or without a
+    scored frame, raises ValueError too.
     """
-    parameters = folder / PARAMETERS_FILE
+    parameters = folder / files.PARAMETERS_FILE
     try:
         evaluator = dict(read_yaml(parameters)['/evaluator']['ros__parameters'])
     except (LookupError, TypeError):
         raise ValueError(f'{parameters}: holds no parameters of an evaluator') from None
     try:
-        earlier = json.loads((folder / SUMMARY_FILE).read_text(encoding='utf-8'))
+        earlier = json.loads((folder / files.SUMMARY_FILE).read_text(encoding='utf-8'))
         published = int(earlier['frames']['published'])
     except (OSError, ValueError, LookupError, TypeError):
         published = 0
     restarts: Counter[str] = Counter()
-    if (folder / RESTARTS_FILE).is_file():
-        with (folder / RESTARTS_FILE).open(encoding='utf-8', newline='') as file:
+    if (folder / files.RESTARTS_FILE).is_file():
+        with (folder / files.RESTARTS_FILE).open(encoding='utf-8', newline='') as file:
             restarts.update(row['node'] for row in csv.DictReader(file))
-    summarize_run(folder, evaluator, Account(published, restarts))
-    if not (folder / SUMMARY_FILE).is_file():
+    summarize_run(folder, evaluator, files.Account(published, restarts))
+    if not (folder / files.SUMMARY_FILE).is_file():
         raise ValueError(f'{folder}: nothing was scored')

@@ -12,11 +12,7 @@ from lowsnr_common.core.motion import VEL
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.core.records import Truth
 from lowsnr_common.settings.node_settings import Evaluation
-from lowsnr_eval.scoring.metrics import count_false_alarms
-from lowsnr_eval.scoring.metrics import distances
-from lowsnr_eval.scoring.metrics import gospa
-from lowsnr_eval.scoring.metrics import match_within_gate
-from lowsnr_eval.scoring.metrics import root_mean_square
+from lowsnr_eval.scoring import metrics
 import numpy as np
 
 LEVELS = ('detection', 'tracking')
@@ -118,18 +114,18 @@ def compare(
     if truth is None:
         return Comparison(len(estimates))
     true, found = _states(truth), _states(estimates)
-    distance = distances(true[:, POS], found[:, POS])
-    rows, columns = match_within_gate(distance, evaluation.gate_m)
+    distance = metrics.distances(true[:, POS], found[:, POS])
+    rows, columns = metrics.match_within_gate(distance, evaluation.gate_m)
     error = found[columns] - true[rows]
     velocity = np.hypot(*error[:, VEL].T)
     velocity = velocity[np.isfinite(velocity)]
     return Comparison(
         declared=len(estimates),
         hit_ids=tuple(truth[row].id for row in rows),
-        false_alarms=count_false_alarms(distance, evaluation.gate_m),
-        rmse_position_m=root_mean_square(np.hypot(*error[:, POS].T)),
-        rmse_velocity_mps=root_mean_square(velocity),
-        gospa_m=gospa(distance, evaluation.gospa_cutoff_m),
+        false_alarms=metrics.count_false_alarms(distance, evaluation.gate_m),
+        rmse_position_m=metrics.root_mean_square(np.hypot(*error[:, POS].T)),
+        rmse_velocity_mps=metrics.root_mean_square(velocity),
+        gospa_m=metrics.gospa(distance, evaluation.gospa_cutoff_m),
         velocities=velocity.size,
     )
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from collections.abc import Mapping
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -65,18 +63,18 @@ def find_chains(
     evaluator = told.get('/evaluator', {})
     for cls in (NodeSettings, RunSettings):
         graph.build(cls, evaluator, f'{bag.path}: evaluator')
-    known = dict(zip(_spaces_of(evaluator), evaluator.get('detectors', ())))
-    spaces = _namespaces(bag, known)
+    names = _names(bag, {
+        f'/{name}' if evaluator.get('namespaces') else '': name
+        for name in evaluator.get('detectors', ())})
     prefix = graph.CONDITIONED if '/conditioner' in told else '/'
     if truth_topic is not None:
         check_type(bag, truth_topic, ARRAY, '--truth-topic')
     truth_topic = truth_topic or f'{prefix}{TRUTH}'
     truth = bag.topics.get(truth_topic) == ARRAY
-    if not truth and not any(bag.topics.get(f'{space}/{_LEVELS[0]}') == ARRAY for space in spaces):
+    if not truth and not any(bag.topics.get(f'{space}/{_LEVELS[0]}') == ARRAY for space in names):
         raise ValueError(f'{bag.path}: has neither truth nor detections')
-    names = _names(spaces, known)
     run, evaluation = _settings(bag, config, evaluator, names, truth)
-    topics = {f'{space}/{level}': f'{name}/{level}' if len(spaces) > 1 else level
+    topics = {f'{space}/{level}': f'{name}/{level}' if len(names) > 1 else level
               for space, name in names.items() for level in _LEVELS}
     if truth:
         topics[truth_topic] = TRUTH
@@ -87,33 +85,26 @@ def find_chains(
             f'{prefix}image_raw' if prefix != '/' else recorded_frames_topic(bag, told)))
 
 
-def _namespaces(bag: Bag, known: Iterable[str]) -> list[str]:
-    """Return the namespaces of the chains: in the order of their run, then by name."""
+def _names(bag: Bag, known: Mapping[str, str]) -> dict[str, str]:
+    """
+    Return a name in one line for the chain of each namespace, no two alike.
+
+    The chains of the recorded run come first, with its names and in its order.
+    """
     spaces = {
         name.removesuffix(f'/{level}') for name, kind in bag.topics.items() for level in _LEVELS
         if kind == ARRAY and name.endswith(f'/{level}')}
     if not spaces:
         raise ValueError(f'{bag.path}: has neither detections nor tracks of type {ARRAY}')
     order = [space for space in known if space in spaces]
-    return order + sorted(spaces.difference(order))
-
-
-def _names(spaces: Sequence[str], known: Mapping[str, str]) -> dict[str, str]:
-    """Return a different name for each namespace, in one line; that of its run if known."""
     names: dict[str, str] = {}
-    for space in spaces:
+    for space in order + sorted(spaces.difference(order)):
         wanted = name = one_line(
             known.get(space) or space.strip('/').replace('/', '.')) or 'recorded'
         while name in names.values():
             name = f'{wanted}-{len(names) + 1}'
         names[space] = name
     return names
-
-
-def _spaces_of(evaluator: Mapping[str, Any]) -> list[str]:
-    """Return the namespaces of the chains of the recorded run."""
-    detectors = evaluator.get('detectors', ())
-    return [f'/{name}' if evaluator.get('namespaces') else '' for name in detectors]
 
 
 def _settings(

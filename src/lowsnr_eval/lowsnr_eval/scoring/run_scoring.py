@@ -15,10 +15,8 @@ from lowsnr_eval.scoring.frame_join import Frame
 from lowsnr_eval.scoring.frame_join import FrameJoin
 from lowsnr_eval.scoring.frame_scoring import Answer
 from lowsnr_eval.scoring.frame_scoring import score_frame
-from lowsnr_eval.scoring.growing_file import WriteFault
 from lowsnr_eval.scoring.scene import SceneWriter
 from lowsnr_eval.scoring.score_tables import ScoreTables
-import numpy as np
 
 TRUTH = 'ground_truth'
 NO_TRUTH = 'no truth'
@@ -40,6 +38,7 @@ class RunScorer:
     ``topics`` are those of the arrays and states that it needs.  Without truth the first chain's
     detections show that a frame exists, and what was declared is counted, nothing else.
     ``published`` counts the frames that are known to exist, ``number`` those that were scored.
+    ``tables`` and ``scene`` are the writers of its results; the scene takes the frames too.
 
     Parameters
     ----------
@@ -71,19 +70,10 @@ class RunScorer:
         self._key = self.topics[0]
         folder = Path(run.results)
         folder.mkdir(parents=True, exist_ok=True)
-        self._tables = ScoreTables(folder, run.detectors, resumed)
-        self._scene = SceneWriter(folder, evaluation.sensor.cell_size_m, resumed)
-        self._join = FrameJoin(self.topics, self._key, self._tables.stamp_ns)
-        self.published = self.number = self._tables.number
-
-    @property
-    def keeps_frames(self) -> bool:
-        """Whether frames are still kept for the report."""
-        return not self._scene.full
-
-    def add_frame(self, stamp: int, frame: np.ndarray) -> None:
-        """Keep a frame (rows, cols) with its stamp [ns] for the report."""
-        self._scene.add_frame(stamp, frame)
+        self.tables = ScoreTables(folder, run.detectors, resumed)
+        self.scene = SceneWriter(folder, evaluation.sensor.cell_size_m, resumed)
+        self._join = FrameJoin(self.topics, self._key, self.tables.stamp_ns)
+        self.published = self.number = self.tables.number
 
     def add_array(self, topic: str, stamp: int, entries: list[Estimate], now_s: float) -> Arrival:
         """Add an array with its stamp [ns] and the wall time of its arrival [s]."""
@@ -109,18 +99,10 @@ class RunScorer:
             elif name == 'tracker' and space in ('', chain):
                 self._join.expect_no_more(topics[1:], before_s)
 
-    def flush(self) -> WriteFault | None:
-        """Write all scores to disk; return what prevents it."""
-        return self._tables.flush()
-
-    def flush_scene(self) -> None:
-        """Write the answers whose frames have not arrived."""
-        self._scene.flush()
-
     def close(self) -> None:
         """Write what waits, and close the files."""
-        self._tables.close()
-        self._scene.close()
+        self.tables.close()
+        self.scene.close()
 
     def _score_one(self, frame: Frame) -> ScoredFrame | None:
         truth = frame.answer(TRUTH) if self._truth else None
@@ -133,8 +115,8 @@ class RunScorer:
         objects = None if truth is None else [Truth(item.id, item.state) for item in truth]
         scores = score_frame(
             self.number, frame.stamp / 1e9, objects, answers, self._evaluation)
-        self._tables.add(scores, answers)
-        self._scene.add_answers(self.number, frame.stamp, objects or (), answers)
+        self.tables.add(scores, answers)
+        self.scene.add_answers(self.number, frame.stamp, objects or (), answers)
         return ScoredFrame(frame.stamp, self.number, answers)
 
     def _answer(self, frame: Frame, detections: str, tracks: str) -> Answer:

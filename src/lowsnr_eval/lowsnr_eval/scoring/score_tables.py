@@ -19,9 +19,7 @@ import mmap
 from pathlib import Path
 from typing import TypeVar
 
-from lowsnr_bringup.run.results_folder import cannot_write
-from lowsnr_bringup.run.results_folder import FRAMES_FILE
-from lowsnr_bringup.run.results_folder import LATENCY_FILE
+from lowsnr_bringup.run import results_folder as files
 from lowsnr_eval.scoring import score_rows as rows
 from lowsnr_eval.scoring.frame_scoring import Answer
 from lowsnr_eval.scoring.frame_scoring import FrameScore
@@ -58,7 +56,7 @@ class ScoreTables:
     """
 
     def __init__(self, folder: Path, detectors: Sequence[str], resumed: bool = False) -> None:
-        frames, latency = folder / FRAMES_FILE, folder / LATENCY_FILE
+        frames, latency = folder / files.FRAMES_FILE, folder / files.LATENCY_FILE
         self.number, self.stamp_ns = 0, -1
         ends: tuple[int | None, int | None] = (None, None)
         if resumed:
@@ -118,15 +116,7 @@ def read_frames(path: Path, detectors: Sequence[str]) -> Iterator[list[FrameScor
 
 
 def read_latency(path: Path, detectors: Sequence[str]) -> Iterator[rows.Latency]:
-    """
-    Yield the wall times of ``latency.csv``.
-
-    Raises
-    ------
-    ValueError
-        One line, if the file is not a table of these chains.
-
-    """
+    """Yield the wall times of ``latency.csv``; ValueError if it is not one of these chains."""
     for line in _lines(path, rows.LATENCY_COLUMNS):
         found = _parsed(path, line, rows.latency)
         if found.detector not in detectors:
@@ -159,7 +149,7 @@ def _opened(path: Path, columns: Sequence[str], end: int | None) -> GrowingFile:
     try:
         file = GrowingFile(path, end)
     except OSError as error:
-        raise cannot_write(path.parent, error) from None
+        raise files.cannot_write(path.parent, error) from None
     if file.size == 0:
         file.append(rows.as_lines([columns]))
     return file

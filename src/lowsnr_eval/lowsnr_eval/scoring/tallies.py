@@ -7,11 +7,9 @@ from collections.abc import Iterable
 from collections.abc import Sequence
 from typing import Any
 
+from lowsnr_eval.scoring import metrics
 from lowsnr_eval.scoring.frame_scoring import FrameScore
 from lowsnr_eval.scoring.frame_scoring import LEVELS
-from lowsnr_eval.scoring.metrics import ratio
-from lowsnr_eval.scoring.metrics import RootMeanSquare
-from lowsnr_eval.scoring.metrics import wilson_interval
 import numpy as np
 
 _NEED_TRUTH = (
@@ -21,15 +19,7 @@ _MOST_VALUES = 10_000
 
 
 class Tallies:
-    """
-    The tallies of all chains of a run.
-
-    Parameters
-    ----------
-    detectors
-        Names of the chains.
-
-    """
+    """The tallies of the chains of a run, which are known by the names of their detectors."""
 
     def __init__(self, detectors: Iterable[str]) -> None:
         self.frames = 0
@@ -69,8 +59,8 @@ class _Tally:
     def __init__(self) -> None:
         self._counts = dict.fromkeys((
             'unanswered', 'frames_without_truth', 'declared', *_NEED_TRUTH), 0)
-        self._position, self._velocity = RootMeanSquare(), RootMeanSquare()
-        self._gospa = RootMeanSquare()
+        self._position, self._velocity = metrics.RootMeanSquare(), metrics.RootMeanSquare()
+        self._gospa = metrics.RootMeanSquare()
         self._present: set[str] = set()
         self._appeared: dict[str, int] = {}  # frame of appearance of what was not hit since
         self._frames_to_hit = 0
@@ -117,11 +107,11 @@ class _Tally:
         if self._counts['frames_without_truth'] and not empty + self._counts['frames_with_object']:
             counts |= dict.fromkeys(_NEED_TRUTH)
         return {
-            'pd': ratio(hits, objects),
-            'pd_interval': wilson_interval(hits, objects),
-            'pfa_per_frame': ratio(false, empty),
-            'pfa_interval': wilson_interval(false, empty),
-            'first_detection_latency_frames': ratio(
+            'pd': metrics.ratio(hits, objects),
+            'pd_interval': metrics.wilson_interval(hits, objects),
+            'pfa_per_frame': metrics.ratio(false, empty),
+            'pfa_interval': metrics.wilson_interval(false, empty),
+            'first_detection_latency_frames': metrics.ratio(
                 self._frames_to_hit, self._counts['appearances_hit']),
             'rmse_position_m': self._position.value,
             'rmse_velocity_mps': self._velocity.value,

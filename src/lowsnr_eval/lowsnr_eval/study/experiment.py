@@ -103,7 +103,9 @@ def run_block(block: Block) -> BlockResults:
         If the scenario has more than one object at a time.
 
     """
-    truth, frames = _simulate(block)
+    runs = range(block.first, block.first + block.count)
+    truth, frames = map(np.stack, zip(*(
+        simulate_run(block.scenario, block.sensor, block.seed, run) for run in runs)))
     results = {}
     tracked: _Tracked = {}
     for chains in group_by_statistic(block.chains):
@@ -149,14 +151,6 @@ def simulate_run(
             truth[k] = present[0].state
     frames = simulate_frames(objects, sensor, scenario.shape, stream(seed, 'noise', run))
     return truth, frames.astype(float)
-
-
-def _simulate(block: Block) -> tuple[np.ndarray, np.ndarray]:
-    """Return truth (runs, K, 4) and frames (runs, K, rows, cols) of a block."""
-    truth, frames = zip(*(
-        simulate_run(block.scenario, block.sensor, block.seed, block.first + run)
-        for run in range(block.count)))
-    return np.stack(truth), np.stack(frames)
 
 
 def _score(

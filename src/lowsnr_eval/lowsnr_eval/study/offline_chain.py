@@ -55,12 +55,6 @@ class RunStreams:
 
     It has those methods of :class:`numpy.random.Generator` that detectors use.  Run r gets
     what its own generator gives for the shape without the first axis.
-
-    Parameters
-    ----------
-    generators
-        One for each run.
-
     """
 
     def __init__(self, generators: Sequence[np.random.Generator]) -> None:
@@ -90,13 +84,6 @@ class RunStreams:
         if runs != len(self._generators):
             raise ValueError(f'size {tuple(size)} must start with {len(self._generators)} runs')
         return np.stack([draw(own, tuple(shape)) for own in self._generators])
-
-
-def with_threshold(detector: Detector, threshold: float) -> Detector:
-    """Return the detector with another threshold [nat]."""
-    settings: Any = detector
-    changed: Detector = replace(settings, threshold=threshold)
-    return changed
 
 
 def detect(
@@ -134,7 +121,7 @@ def group_by_statistic(chains: Sequence[Chain]) -> list[list[Chain]]:
     """Group the chains whose detectors one call of :func:`detect` runs."""
     groups: dict[Any, list[Chain]] = {}
     for number, chain in enumerate(chains):
-        key = (chain.label, with_threshold(chain.detector, 0.0), chain.runs)
+        key = (chain.label, replace(chain.detector, threshold=0.0), chain.runs)
         groups.setdefault(
             key if _shares_statistic(chain.detector) else number, []).append(chain)
     return list(groups.values())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from collections.abc import Mapping
+from typing import Any
 
 from lowsnr_detect.calibration.operating_point import calibrated
 from lowsnr_eval.study.experiment import Block
@@ -64,10 +65,9 @@ def thresholds_by_name(study: Study, thresholds: Thresholds) -> dict[str, dict[s
 
 def _calibrate(item: Calibrated) -> float:
     detector, prob, shape, runs = item
-    # A default that is left out gives the key that the node graph finds in the cache.
-    if runs is None:
-        return calibrated(detector, prob, shape).threshold
-    return calibrated(detector, prob, shape, runs=runs).threshold
+    # Without the default in it, the key in the cache is that of the node graph.
+    options: dict[str, Any] = {} if runs is None else {'runs': runs}
+    return calibrated(detector, prob, shape, **options).threshold
 
 
 def _calibration_cost(item: Calibrated) -> tuple[bool, int, str]:

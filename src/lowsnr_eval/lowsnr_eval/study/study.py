@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from dataclasses import replace
 
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.settings.node_settings import Evaluation
@@ -16,15 +17,17 @@ from lowsnr_detect.parts.detector import Detector
 from lowsnr_eval.study.examples import Example
 from lowsnr_eval.study.experiment import Block
 from lowsnr_eval.study.offline_chain import Chain
-from lowsnr_eval.study.offline_chain import with_threshold
 from lowsnr_sensor.scenario import Scenario
 from lowsnr_track.pda_mmpf import PdaMmpf
 
 POINTS = ('nominal', 'matched')
 LEVELS = ('detection', 'tracking')
 OBJECT, EMPTY, SWEEP = 'object', 'empty', 'sweep'
-# Thresholds of the curve of P_D against P_FA, from the matched one [nat].
-ROC_OFFSETS = (-6.0, -4.5, -3.0, -2.0, -1.0, 1.0, 2.5)
+# Operating points of the curve of P_D against P_FA, by the offset of their threshold from the
+# matched one [nat].
+_ROC_OFFSETS = {f'matched{offset:+g}': offset for offset in (-6., -4.5, -3., -2., -1., 1., 2.5)}
+# The same and the matched one, at rising thresholds.
+ROC_POINTS = sorted((*_ROC_OFFSETS, 'matched'), key=lambda name: _ROC_OFFSETS.get(name, 0.0))
 BLOCK_RUNS = 20
 _LEAST_RUNS = 10
 # With 150 runs a calibration counts 60 false alarms, which is enough for the few runs of a sweep.
@@ -102,15 +105,14 @@ class Case:
         chains = []
         for method in self.methods:
             threshold = thresholds[self.calibration(method)]
-            detectors = method.detector.nominal(), with_threshold(method.detector, threshold)
+            detectors = method.detector.nominal(), replace(method.detector, threshold=threshold)
             tracker = None if self.kind == SWEEP else method.tracker
             chains += [Chain(method.label, point, detector, tracker, method.runs)
                        for point, detector in zip(POINTS, detectors)]
             chains += [
-                Chain(method.label, roc_point(offset),
-                      with_threshold(method.detector, threshold + offset), None,
-                      min(method.runs, self.few_runs))
-                for offset in ROC_OFFSETS if self.kind != SWEEP]
+                Chain(method.label, point, replace(method.detector, threshold=threshold + offset),
+                      None, min(method.runs, self.few_runs))
+                for point, offset in _ROC_OFFSETS.items() if self.kind != SWEEP]
         return tuple(chains)
 
 
@@ -145,8 +147,3 @@ class Study:
                     first, min(BLOCK_RUNS, most - first),
                     crowded if case.kind == OBJECT else 1)
         return blocks
-
-
-def roc_point(offset: float) -> str:
-    """Return the name of the operating point at an offset from the matched threshold [nat]."""
-    return f'matched{offset:+g}'

@@ -25,17 +25,7 @@ _MOST_NAMED = 3
 
 
 class OtherStudyError(ValueError):
-    """
-    A folder that holds another study.
-
-    Parameters
-    ----------
-    folder
-        The folder.
-    changed
-        Old and new value by the path of every value that differs.
-
-    """
+    """A folder holds another study; ``changed`` has old and new value by path in the study."""
 
     def __init__(self, folder: Path, changed: Mapping[str, tuple[Any, Any]]) -> None:
         named = [f'{path} was {old}, is {new}'
@@ -48,15 +38,7 @@ class OtherStudyError(ValueError):
 
 
 class StudyFolder:
-    """
-    The folder of one study, with the finished blocks of runs.
-
-    Parameters
-    ----------
-    path
-        The folder, as :func:`open_folder` returns it.
-
-    """
+    """The folder of one study, with the finished blocks of runs; see :func:`open_folder`."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

@@ -34,13 +34,10 @@ _LIBRARIES = ('numpy', 'scipy', 'numba')
 
 def identity(study: Study) -> dict[str, Any]:
     """
-    Return the identity of a study, flat and of JSON types.
+    Return the identity of a study, of JSON types.
 
-    Returns
-    -------
-    dict
-        Values by their path, such as ``study.cases[0].evaluation.gate_cells``, the digest of
-        the code, and the versions of the numerical libraries.
+    It has all values by their path, such as ``study.cases[0].evaluation.gate_cells``, the
+    digest of the code, and the versions of the numerical libraries.
 
     Raises
     ------

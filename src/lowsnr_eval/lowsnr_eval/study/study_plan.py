@@ -16,8 +16,7 @@ from typing import TypeVar
 from lowsnr_bringup.plan import graph
 from lowsnr_bringup.plan.run_options import RunOptions
 from lowsnr_bringup.plan.run_plan import plan_run
-from lowsnr_bringup.plan.run_plan import RunPlan
-from lowsnr_common.settings.config import declared_settings
+from lowsnr_common.settings.declare import declared_settings
 from lowsnr_common.settings.node_settings import DetectionSettings
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.node_settings import SimulationSettings
@@ -34,7 +33,6 @@ from lowsnr_eval.study.study import Study
 from lowsnr_eval.study.study import StudyOptions
 from lowsnr_eval.study.study import SWEEP
 from lowsnr_sensor.scenario import load_scenario
-from lowsnr_sensor.scenario import Scenario
 from lowsnr_track.pda_mmpf import PdaMmpf
 
 T = TypeVar('T')
@@ -60,14 +58,24 @@ def plan_study(options: StudyOptions, config_folder: Path) -> Study:
     variants = _variants(example, options.detectors)
     scenario = load_scenario(config_folder / 'scenarios' / f'{example.scenario}.yaml')
     snrs_db = options.snrs_db or scenario.snrs_db
-    sweep = [snr for snr in _SWEEP_SNRS_DB if snr not in snrs_db]
     methods = [_method(variant, example, options, config_folder) for variant in variants]
-    common = plan_run(RunOptions(
+    plan = plan_run(RunOptions(
         detectors=['cdt'], scenario=example.scenario, seed=options.seed), config_folder)
-    case = _case(scenario, common, options.few_runs)
-    kinds = [(kind, snr) for snr in snrs_db for kind in (OBJECT, EMPTY)]
-    cases = [_at_snr(case, kind, snr, methods, example, options)
-             for kind, snr in [*kinds, *((SWEEP, snr) for snr in sweep)]]
+    sensor = graph.build(SimulationSettings, plan.parameters['/sensor'], 'sensor').sensor
+    evaluation = graph.build(Evaluation, plan.parameters['/evaluator'], 'evaluator')
+
+    def case(kind: str, snr_db: float) -> Case:
+        tuned = [replace(
+            method, detector=_at_snr(method.detector, snr_db),
+            tracker=_at_snr(method.tracker, snr_db), runs=_runs(kind, method, example, options))
+            for method in methods]
+        return Case(
+            kind, snr_db, options.few_runs,
+            replace(scenario, objects=()) if kind == EMPTY else scenario,
+            replace(sensor, snr_db=snr_db), _at_snr(evaluation, snr_db), tuple(tuned))
+
+    cases = [case(kind, snr) for snr in snrs_db for kind in (OBJECT, EMPTY)]
+    cases += [case(SWEEP, snr) for snr in _SWEEP_SNRS_DB if snr not in snrs_db]
     return Study(example, options, tuple(v.label for v in variants), tuple(cases))
 
 
@@ -94,32 +102,11 @@ def _method(
     return Method(variant.label, detector, tracker, prob, options.few_runs)
 
 
-def _case(scenario: Scenario, plan: RunPlan, few_runs: int) -> Case:
-    """Return a case without methods."""
-    simulation = graph.build(SimulationSettings, plan.parameters['/sensor'], 'sensor')
-    evaluation = graph.build(Evaluation, plan.parameters['/evaluator'], 'evaluator')
-    return Case(OBJECT, scenario.snr_db, few_runs, scenario, simulation.sensor, evaluation, ())
-
-
-def _at_snr(
-    case: Case, kind: str, snr_db: float, methods: Sequence[Method], example: Example,
-    options: StudyOptions,
-) -> Case:
-    """Return the case of a kind at an SNR, which every sensor model in it gets."""
-    def tuned(item: T) -> T:
-        own: Any = item
-        made: T = replace(own, sensor=replace(own.sensor, snr_db=snr_db))
-        return made
-
-    scenario = replace(case.scenario, objects=()) if kind == EMPTY else case.scenario
-    return replace(
-        case, kind=kind, snr_db=snr_db, scenario=scenario,
-        sensor=replace(case.sensor, snr_db=snr_db), evaluation=tuned(case.evaluation),
-        methods=tuple(
-            replace(
-                method, detector=tuned(method.detector), tracker=tuned(method.tracker),
-                runs=_runs(kind, method, example, options))
-            for method in methods))
+def _at_snr(item: T, snr_db: float) -> T:
+    """Return settings with another SNR in their sensor model."""
+    settings: Any = item
+    changed: T = replace(settings, sensor=replace(settings.sensor, snr_db=snr_db))
+    return changed
 
 
 def _runs(kind: str, method: Method, example: Example, options: StudyOptions) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from collections.abc import Mapping
+from collections.abc import Sequence
 import csv
 from dataclasses import dataclass
 from dataclasses import field
@@ -19,8 +20,7 @@ from lowsnr_eval.study.run_scores import RunScores
 from lowsnr_eval.study.study import EMPTY
 from lowsnr_eval.study.study import OBJECT
 from lowsnr_eval.study.study import POINTS
-from lowsnr_eval.study.study import ROC_OFFSETS
-from lowsnr_eval.study.study import roc_point
+from lowsnr_eval.study.study import ROC_POINTS
 from lowsnr_eval.study.study import Study
 from lowsnr_eval.study.study import SWEEP
 from lowsnr_eval.study.verdicts import claim_verdicts
@@ -36,16 +36,9 @@ class StudyResults:
     """
     The scores of a study, or of the part of it that is finished.
 
-    Parameters
-    ----------
-    study
-        The study.
-    scores
-        Scores by the name of the case, and then by label, operating point and level.
-    times_s
-        CPU times of detector and tracker for a frame in each block, (blocks, 2) [s], by label
-        and operating point.
-
+    ``scores`` are by the name of the case, and then by label, operating point and level;
+    ``times_s`` are CPU times of detector and tracker for a frame in each block, (blocks, 2)
+    [s], by label and operating point.
     """
 
     study: Study
@@ -66,17 +59,7 @@ class StudyResults:
 def join_blocks(
     study: Study, blocks: Iterable[tuple[str, BlockResults | None]],
 ) -> StudyResults:
-    """
-    Join the blocks of a study.
-
-    Parameters
-    ----------
-    study
-        The study.
-    blocks
-        Name and results of each block in order; None for one that is not finished.
-
-    """
+    """Join the blocks of a study: name and results in order, None if not finished."""
     parts: dict[str, dict[Key, list[RunScores]]] = {}
     times: dict[tuple[str, str], list[tuple[float, float]]] = {}
     for name, results in blocks:
@@ -138,13 +121,12 @@ def cost_rows(results: StudyResults) -> list[dict[str, Any]]:
         results.times_s, POINTS, study.snrs_db[0], results.runs_done, study.options.seed)
 
 
-def roc(results: StudyResults, snr_db: float, label: str) -> list[tuple[float, float]]:
-    """Return P_FA per empty frame and P_D at rising thresholds, of detections."""
-    found = results.of(OBJECT, snr_db)
-    quiet = results.of(EMPTY, snr_db)
-    names = ['matched' if offset == 0.0 else roc_point(offset)
-             for offset in sorted((*ROC_OFFSETS, 0.0))]
-    keys = [(label, name, 'detection') for name in names]
+def roc(
+    results: StudyResults, snr_db: float, label: str, points: Sequence[str] = ROC_POINTS,
+) -> list[tuple[float, float]]:
+    """Return P_FA per empty frame and P_D of detections, at some operating points."""
+    found, quiet = results.of(OBJECT, snr_db), results.of(EMPTY, snr_db)
+    keys = [(label, point, 'detection') for point in points]
     return [
         (float(np.mean(quiet[key].declared > 0)),
          float(np.mean(found[key].hit[found[key].present])))

@@ -7,12 +7,12 @@ from typing import Any
 
 from lowsnr_eval.study.bootstrap import bootstrap
 from lowsnr_eval.study.bootstrap import Effect
-from lowsnr_eval.study.claims import Claim
-from lowsnr_eval.study.claims import CLAIMS
-from lowsnr_eval.study.claims import COST_CLAIM
-from lowsnr_eval.study.claims import Frames
-from lowsnr_eval.study.claims import PD
-from lowsnr_eval.study.claims import POSITION
+from lowsnr_eval.study.examples import Claim
+from lowsnr_eval.study.examples import CLAIMS
+from lowsnr_eval.study.examples import COST_CLAIM
+from lowsnr_eval.study.examples import Frames
+from lowsnr_eval.study.examples import PD
+from lowsnr_eval.study.examples import POSITION
 from lowsnr_eval.study.run_scores import figures_of_merit
 from lowsnr_eval.study.run_scores import RunScores
 import numpy as np
@@ -84,19 +84,15 @@ def cost_verdict(
 
 def threshold_dependence(verdicts: Mapping[str, Mapping[str, Any]]) -> str | None:
     """Return a sentence on how a verdict depends on the operating point; None if it does not."""
-    def resolved(found: Mapping[str, Any]) -> str | None:
-        return found['verdict'] if found['verdict'] in (HOLDS, FAILS) else None
-
-    if len(set(map(resolved, verdicts.values()))) < 2:
+    found = {point: verdict['verdict'] for point, verdict in verdicts.items()}
+    if len({text if text in (HOLDS, FAILS) else None for text in found.values()}) < 2:
         return None
     words = {
         'nominal': 'at the nominal thresholds', 'matched': 'at the same false-alarm rate'}
-    parts = [
-        f'{words.get(point, point)} it '
-        + (resolved(found) or f'is {found["verdict"]}')
-        for point, found in verdicts.items()]
-    text = ', '.join(parts)
-    return f'{text[0].upper()}{text[1:]}.'
+    sentence = ', '.join(
+        f'{words.get(point, point)} it {"" if text in (HOLDS, FAILS) else "is "}{text}'
+        for point, text in found.items())
+    return f'{sentence[0].upper()}{sentence[1:]}.'
 
 
 def compare_sides(

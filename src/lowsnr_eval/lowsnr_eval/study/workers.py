@@ -41,13 +41,7 @@ class Workers(ABC):
     Runs batches of tasks on an executor, and on a new one after a worker died.
 
     ``died`` is the error of a task whose worker died; a batch continues on a new executor
-    ``restarts`` times.
-
-    Parameters
-    ----------
-    log
-        Receives a line for each worker that died.
-
+    ``restarts`` times.  ``log`` receives a line for each worker that died.
     """
 
     died: ClassVar[type[Exception]]
@@ -117,16 +111,10 @@ class Workers(ABC):
 
 class LocalPool(ProcessPoolExecutor):
     """
-    Processes of this machine, started as tasks are submitted.
+    Up to ``jobs`` processes of this machine, started as tasks are submitted.
 
     Ctrl-C does not reach them, so that the main process alone decides what is kept.  They
     end when the main process does, also when it is killed.
-
-    Parameters
-    ----------
-    jobs
-        Number of processes.
-
     """
 
     def __init__(self, jobs: int) -> None:

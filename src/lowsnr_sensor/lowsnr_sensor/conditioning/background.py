@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy import ndimage
-from scipy import special
+import scipy
 
 # Limit of deviations from the median in the estimate of the level [standard deviations].
 _LEVEL_LIMIT = 2.0
@@ -45,7 +44,7 @@ def past_level(history: np.ndarray, median: np.ndarray, noise: np.ndarray) -> np
     deviation = history - median
     np.clip(deviation, -limit, limit, out=deviation)
     level: np.ndarray = (
-        median + deviation.mean(axis=0) / (2.0 * special.ndtr(_LEVEL_LIMIT) - 1.0))
+        median + deviation.mean(axis=0) / (2.0 * scipy.special.ndtr(_LEVEL_LIMIT) - 1.0))
     return level
 
 
@@ -68,7 +67,7 @@ def box_mean(plane: np.ndarray, reach: int) -> np.ndarray:
     """Return the mean over the cells of the frame within ``reach`` rows and columns."""
     side = 2 * reach + 1
     size = (1,) * (plane.ndim - 2) + (side, side)
-    total = ndimage.uniform_filter(plane, size, mode='constant') * side**2
+    total = scipy.ndimage.uniform_filter(plane, size, mode='constant') * side**2
     if plane.min() >= 0.0:
         # The filter's running sums may leave a rounding error below zero.
         total = np.maximum(total, 0.0)
@@ -116,7 +115,7 @@ def binned(plane: np.ndarray, side: int) -> np.ndarray:
 def frame_scale(plane: np.ndarray) -> np.ndarray:
     """Return the noise of a frame around zero from its median absolute value, (..., 1, 1)."""
     deviation = np.median(abs(plane), axis=(-2, -1), keepdims=True)
-    scale: np.ndarray = deviation / special.ndtri(0.75)
+    scale: np.ndarray = deviation / scipy.special.ndtri(0.75)
     return scale
 
 
@@ -127,7 +126,7 @@ def limited_square(values: np.ndarray) -> np.ndarray:
     This is Huber's second proposal (1964): a value beyond the limit counts as the limit.
 
     """
-    beyond = special.ndtr(-_NOISE_LIMIT)
+    beyond = scipy.special.ndtr(-_NOISE_LIMIT)
     density = math.exp(-_NOISE_LIMIT**2 / 2.0) / math.sqrt(2.0 * math.pi)
     mean = 1.0 - 2.0 * (beyond + _NOISE_LIMIT * density) + 2.0 * _NOISE_LIMIT**2 * beyond
     squares: np.ndarray = np.minimum(values**2, _NOISE_LIMIT**2) / mean

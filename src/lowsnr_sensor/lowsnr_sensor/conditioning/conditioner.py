@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import math
 
 from lowsnr_common.core.records import Malformed
-from lowsnr_common.settings.config import check_settings
-from lowsnr_common.settings.config import setting
+from lowsnr_common.settings.declare import check_settings
+from lowsnr_common.settings.declare import setting
 from lowsnr_sensor.conditioning.background import binned
 from lowsnr_sensor.conditioning.background import box_mean
 from lowsnr_sensor.conditioning.background import flattened

@@ -1,23 +1,23 @@
-"""Motion from frame to frame is the same at any cadence."""
+"""Objects move as much from frame to frame at any frame period."""
 
 import re
 
 from lowsnr_bringup.plan import graph
-from lowsnr_bringup.plan.cadence import at_cadence
-from lowsnr_bringup.plan.cadence import POWERS
+from lowsnr_bringup.plan.sources import at_frame_period
+from lowsnr_bringup.plan.sources import TIME_POWERS
 from lowsnr_common.core.records import Estimate
-from lowsnr_common.settings.config import build_settings
-from lowsnr_common.settings.config import declared_settings
+from lowsnr_common.settings.declare import declared_settings
+from lowsnr_common.settings.flat_values import build_settings
 from lowsnr_track.pda_mmpf import PdaMmpf
 import numpy as np
 import pytest
 
 PERIOD_S = 0.04
-# Settings in seconds that are not about motion: the wall clock and the cadence itself.
+# Settings in seconds that are not about motion: the wall clock and the frame period itself.
 OTHERS = {'answer_within_s', 'frame_period_s', 'patience_s', 'silence_s'}
 
 
-def test_every_setting_with_a_time_in_its_unit_is_known():
+def test_every_setting_with_a_second_in_its_unit_is_known():
     timed = set()
     for node in graph.known_nodes():
         for cls in graph.settings_classes(node):
@@ -25,11 +25,11 @@ def test_every_setting_with_a_time_in_its_unit_is_known():
                 units = re.findall(r'\[([^\]]*)\]', item.doc)
                 if any(unit == 's' or '/s' in unit for unit in units):
                     timed.add(name.rpartition('.')[2])
-    assert set(POWERS) <= timed <= set(POWERS) | OTHERS
+    assert set(TIME_POWERS) <= timed <= set(TIME_POWERS) | OTHERS
 
 
 def test_values_and_defaults_are_scaled():
-    scaled = at_cadence(PdaMmpf, {
+    scaled = at_frame_period(PdaMmpf, {
         'motion.max_speed_mps': 2.0, 'motion.turn_rates_deg_s': [0.0, 10.0]}, 0.5)
     assert scaled['motion.max_speed_mps'] == 4.0
     assert scaled['motion.turn_rates_deg_s'] == (0.0, 20.0)
@@ -38,12 +38,12 @@ def test_values_and_defaults_are_scaled():
     assert 'particles' not in scaled
 
 
-def test_tracker_follows_alike_at_any_cadence(seed):
-    """The same detections, frame for frame, give the same tracks; velocities are in its time."""
+def test_same_detections_give_the_same_tracks_at_any_frame_period(seed):
+    """Velocities differ by the frame period; everything else is equal."""
     answers = []
     for period_s in (1.0, PERIOD_S):
         values = {'sensor.frame_period_s': period_s, 'rows': 30, 'cols': 40, 'particles': 200}
-        tracker = build_settings(PdaMmpf, values | at_cadence(PdaMmpf, values, period_s))
+        tracker = build_settings(PdaMmpf, values | at_frame_period(PdaMmpf, values, period_s))
         state, rng = tracker.init(), np.random.default_rng(seed)
         scatter = np.random.default_rng(seed)
         outputs = []

@@ -1,10 +1,10 @@
 """
 A graph on one host and strangers on another: two network namespaces with a wire between them.
 
-Started in a namespace of its own (``unshare --net``) with the results folder and how long a
-stranger listens [s], it starts ``bringup.py`` there and prints, as JSON, what reached others:
-datagrams before anybody spoke to the graph, and whether a frame was heard by a stranger that
-names the graph's host, and by a neighbour on the same host.
+This script runs in a network namespace of its own (``unshare --net``).  Its arguments are the
+results folder and how long a stranger listens [s].  It starts ``bringup.py`` and prints, as JSON,
+what reached others: datagrams before anybody contacted the graph, and whether a stranger that
+names the graph's host, and a neighbour on the same host, received a frame.
 """
 
 from contextlib import contextmanager
@@ -24,7 +24,7 @@ PATIENCE_S = 120.0
 
 @contextmanager
 def other_host():
-    """Make another network namespace, wired to this one; give the command that enters it."""
+    """Make another network namespace, wired to this one; yield the command that enters it."""
     call('ip link set lo up')
     holder = subprocess.Popen(
         ['unshare', '--net', 'sh', '-c', 'echo; exec sleep 600'], stdout=subprocess.PIPE)
@@ -63,16 +63,16 @@ def listen(seconds):
     from sensor_msgs.msg import Image
 
     rclpy.init()
-    node, heard = rclpy.create_node('listener'), []
-    node.create_subscription(Image, 'image_raw', heard.append, qos_profile_sensor_data)
+    node, received = rclpy.create_node('listener'), []
+    node.create_subscription(Image, 'image_raw', received.append, qos_profile_sensor_data)
     until = time.monotonic() + seconds
-    while time.monotonic() < until and not heard:
+    while time.monotonic() < until and not received:
         rclpy.spin_once(node, timeout_sec=0.1)
-    print(min(1, len(heard)))
+    print(min(1, len(received)))
 
 
-def heard(seconds, enter='', **environment):
-    """Return 1 if a listener that looks beyond its host hears a frame, 0 if not."""
+def receives(seconds, enter='', **environment):
+    """Return 1 if a listener that looks beyond its host receives a frame, 0 if not."""
     wide = {**os.environ, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET', **environment}
     done = subprocess.run(
         [*enter.split(), sys.executable, __file__, str(seconds)], env=wide,
@@ -87,10 +87,10 @@ def main(results, listens_s):
              '--loop', '--rate', '50'],
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True), Path(results)) as run:
         run.wait_for_rows(200, PATIENCE_S)
-        said = datagrams(enter)
+        found = datagrams(enter)
         print(json.dumps({
-            'datagrams': said, 'neighbour': heard(PATIENCE_S),
-            'stranger': heard(float(listens_s), enter, ROS_STATIC_PEERS=HOST)}))
+            'datagrams': found, 'neighbour': receives(PATIENCE_S),
+            'stranger': receives(float(listens_s), enter, ROS_STATIC_PEERS=HOST)}))
 
 
 if __name__ == '__main__':

@@ -1,5 +1,5 @@
-/* Stands between a process and its machine: the clock is set, and datagrams are lost, as the
-   file named by FAULTS says: nanoseconds added to the clock, and whether datagrams are lost. */
+/* Stands between a process and its host.  The file that HOST_FAULTS names holds two numbers: the
+   nanoseconds to add to the clock, and whether to drop every datagram. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <fcntl.h>
@@ -18,7 +18,7 @@ static volatile int64_t none[2];
 static volatile int64_t *faults = none;
 
 __attribute__((constructor)) static void start(void) {
-  int file = open(getenv("FAULTS"), O_RDONLY);
+  int file = open(getenv("HOST_FAULTS"), O_RDONLY);
   void *at = mmap(0, sizeof none, PROT_READ, MAP_SHARED, file, 0);
   if (at != MAP_FAILED) faults = at;
   close(file);
@@ -50,8 +50,8 @@ time_t time(time_t *at) {
   return now.tv_sec;
 }
 
-/* The kernel knows nothing of the clock that was set: until its time, not until ours.  A time
-   of less than some thirty years is one of the steady clock. */
+/* The kernel does not know the clock that was set, so that deadlines are converted to its time.
+   A deadline below some thirty years belongs to the steady clock and stays as it is. */
 static struct timespec true_time(const struct timespec *until) {
   struct timespec at = *until;
   if (at.tv_sec > 1000000000) {

@@ -3,15 +3,15 @@
 from dataclasses import dataclass
 from dataclasses import field
 
-from lowsnr_common.settings.config import build_settings
-from lowsnr_common.settings.config import changed
-from lowsnr_common.settings.config import check_settings
-from lowsnr_common.settings.config import check_values
-from lowsnr_common.settings.config import declared_settings
-from lowsnr_common.settings.config import fixed
-from lowsnr_common.settings.config import flat_values
-from lowsnr_common.settings.config import flatten
-from lowsnr_common.settings.config import setting
+from lowsnr_common.settings.declare import check_settings
+from lowsnr_common.settings.declare import declared_settings
+from lowsnr_common.settings.declare import fixed
+from lowsnr_common.settings.declare import setting
+from lowsnr_common.settings.flat_values import build_settings
+from lowsnr_common.settings.flat_values import changed
+from lowsnr_common.settings.flat_values import check_values
+from lowsnr_common.settings.flat_values import flat_values
+from lowsnr_common.settings.flat_values import flatten
 import pytest
 
 
@@ -36,14 +36,14 @@ class Camera:
         check_settings(self)
 
 
-def test_declared_settings_are_the_fields_and_those_of_groups():
+def test_declared_settings_are_those_of_the_class_and_its_groups():
     declared = declared_settings(Camera)
     assert set(declared) == {'optics.gain', 'name', 'rows', 'live', 'angles_deg'}
     assert declared['optics.gain'].doc == 'amplification'
     assert declared['optics.gain'].default == 1.0
 
 
-def test_values_build_an_instance_and_come_back():
+def test_instance_is_built_from_flat_values_and_returns_them():
     values = {'optics.gain': 2, 'name': 'right', 'rows': 7, 'angles_deg': [1, 2.5]}
     camera = build_settings(Camera, values)
     assert camera == Camera(
@@ -84,15 +84,15 @@ def test_bounds_are_closed_and_open_as_declared(gain):
     ('angles_deg', [0.0, 90.0], 'a list of numbers in [-90.0, 90.0)'),
     ('angles_deg', [0.0, 'a'], 'a list of numbers in [-90.0, 90.0)'),
 ])
-def test_bad_value_is_refused_with_what_is_allowed(name, value, allowed):
+def test_bad_value_is_refused_by_name_with_the_allowed_ones(name, value, allowed):
     with pytest.raises(ValueError) as caught:
         check_values(Camera, {name: value})
-    assert str(caught.value).startswith(f'{name} = {value!r}, must be ')
+    assert str(caught.value).startswith(f'{name} = {value!r}, ')
     assert allowed in str(caught.value)
 
 
 def test_constructor_names_class_and_field():
-    with pytest.raises(ValueError, match=r'^Camera\.rows = 0, must be a whole number'):
+    with pytest.raises(ValueError, match=r'^Camera\.rows = 0, .*\[1, inf\)'):
         Camera(rows=0)
 
 
@@ -102,13 +102,15 @@ def test_constructor_names_class_and_field():
 def test_misspelt_name_is_refused_with_the_nearest(name, near):
     with pytest.raises(ValueError) as caught:
         build_settings(Camera, {name: 1})
-    assert str(caught.value) == f'{name} is not a setting; did you mean {near}?'
+    assert str(caught.value).startswith(f'{name} ')
+    assert str(caught.value).endswith(f' {near}?')
 
 
 @pytest.mark.parametrize('name', ['helper', 'optics', 'zzz', ''])
-def test_what_is_not_declared_is_refused(name):
-    with pytest.raises(ValueError, match='is not a setting'):
+def test_name_that_is_not_declared_is_refused(name):
+    with pytest.raises(ValueError) as caught:
         check_values(Camera, {name: 1})
+    assert str(caught.value).startswith(f'{name} ')
 
 
 def test_nested_mappings_become_flat_names():
@@ -134,7 +136,7 @@ def test_settings_are_live_as_declared_and_never_in_a_fixed_group():
         'free.gain', 'speed', 'limit'}
 
 
-def test_changed_instance_keeps_the_rest_and_leaves_out_what_is_not_its_own():
+def test_changed_instance_keeps_other_values_and_ignores_foreign_names():
     before = Telescope(sealed=Optics(gain=3.0), speed=1)
     after = changed(before, {'free.gain': 2, 'limit': 4.0, 'other.gain': 'x'})
     assert after == Telescope(
@@ -142,10 +144,11 @@ def test_changed_instance_keeps_the_rest_and_leaves_out_what_is_not_its_own():
     assert before == Telescope(sealed=Optics(gain=3.0), speed=1.0)
 
 
-@pytest.mark.parametrize(('values', 'said'), [
-    ({'free.gain': 9.0}, r'free\.gain = 9\.0, must be a number in \(0\.0, 8\.0\]'),
-    ({'speed': 3.5}, 'speed must not be above limit'),
+@pytest.mark.parametrize(('values', 'culprit'), [
+    ({'free.gain': 9.0}, 'free.gain = 9.0'),
+    ({'speed': 3.5}, 'Telescope.speed'),
 ])
-def test_change_that_does_not_hold_is_refused(values, said):
-    with pytest.raises(ValueError, match=said):
+def test_change_out_of_bounds_is_refused(values, culprit):
+    with pytest.raises(ValueError) as caught:
         changed(Telescope(), values)
+    assert str(caught.value).startswith(culprit)

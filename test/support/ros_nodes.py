@@ -1,4 +1,4 @@
-"""A node of a test beside a graph, in a context of its own."""
+"""ROS contexts and nodes of a test, on a domain that only this test process uses."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,8 +14,8 @@ from rclpy.signals import SignalHandlerOptions
 
 @contextmanager
 def ros_context(domain_id: int | None = None) -> Iterator[rclpy.Context]:
-    """Give a context on this host alone, on the domain of the test's graph or another."""
-    gc.collect()  # until then, nodes that earlier tests destroyed are in the graph
+    """Yield a context that sees this host alone, on the process's own domain or the one given."""
+    gc.collect()  # nodes that earlier tests destroyed stay in the graph until they are collected
     context = rclpy.Context()
     with pytest.MonkeyPatch.context() as environment:
         environment.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
@@ -29,10 +29,10 @@ def ros_context(domain_id: int | None = None) -> Iterator[rclpy.Context]:
 
 
 @contextmanager
-def onlooker(
+def spun_node(
     name: str, domain_id: int | None = None,
 ) -> Iterator[tuple[Node, SingleThreadedExecutor]]:
-    """Give a node and what spins it."""
+    """Yield a node in a context of its own, and the executor that spins it."""
     with ros_context(domain_id) as context:
         node = Node(name, context=context)
         executor = SingleThreadedExecutor(context=context)

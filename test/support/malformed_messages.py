@@ -1,4 +1,4 @@
-"""Messages that no node should believe, of every type that nodes read; all from one seed."""
+"""Messages that every node must reject, of every type that nodes subscribe to; from one seed."""
 
 import array
 
@@ -77,14 +77,14 @@ def odometries(rng):
 
 
 def stamps(rng):
-    """Return stamps that are no time of a frame to come."""
+    """Return stamps that no later frame can have."""
     return [
         Time(), Time(sec=1), Time(sec=-1), Time(sec=-2**31, nanosec=2**32 - 1),
         Time(sec=0, nanosec=2**32 - 1), Time(sec=-int(rng.integers(1, 2**31)))]
 
 
 def raw(rng, message):
-    """Return bytes that are no message of the type of one, by what is wrong with them."""
+    """Return bytes that are no message of the given one's type, by what is wrong with them."""
     whole = serialize_message(message)
     places = rng.integers(12, len(whole), 4)  # not in the stamp
     flipped = bytearray(whole)

@@ -1,0 +1,115 @@
+"""The command line of ``bringup.py``."""
+
+import argparse
+from pathlib import Path
+
+from _arguments import number
+from _arguments import Parser
+
+
+def parse_arguments(arguments: list[str]) -> argparse.Namespace:
+    """Return the options, named as in RunOptions; ``--help`` and errors end here."""
+    parser = Parser(
+        prog='bringup.py', allow_abbrev=False,
+        description='Run the whole graph: sensor, detectors, trackers and evaluator, to a table '
+        'of scores.',
+        epilog='example: python scripts/bringup.py --detector cdt sdt --scenario example3 '
+        '--snr 9 --lockstep --set sdt.max_iterations=8; exit code: 0 done, 1 failed, 2 usage or '
+        'configuration error, 130 after Ctrl-C')
+    add_frames(parser)
+    add_recorded_frames(parser)
+    add_processing(parser)
+    add_outputs(parser)
+    add_network(parser)
+    return parser.parse_args(arguments)
+
+
+def add_frames(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say which frames the run has."""
+    frames = parser.add_mutually_exclusive_group()
+    frames.add_argument(
+        '--scenario', default='example4', metavar='NAME|FILE',
+        help='simulate a scenario: a file of config/scenarios without .yaml, or a path '
+        '(default: example4)')
+    frames.add_argument(
+        '--replay', type=Path, metavar='BAG', help='take the frames and the truth from a bag')
+    frames.add_argument(
+        '--camera', metavar='TOPIC',
+        help='take the frames from a live camera, such as /camera/image_raw, until Ctrl-C')
+    parser.add_argument(
+        '--snr', type=number(-30.0), metavar='DB', dest='snr_db',
+        help='SNR that the object has and that detectors expect [dB] (default: that of the '
+        'scenario)')
+    parser.add_argument(
+        '--frames', type=number(1, whole=True), metavar='N',
+        help='number of frames (default: all of the scenario or bag)')
+    parser.add_argument(
+        '--seed', type=number(0, whole=True), metavar='N',
+        help='root seed of all random numbers (default: 0, or that of the recorded run)')
+    pace = parser.add_mutually_exclusive_group()
+    pace.add_argument(
+        '--rate', type=number(0.0, above=True), metavar='HZ', dest='rate_hz',
+        help='frames a second of wall time (default: 10, or as recorded in the bag)')
+    pace.add_argument(
+        '--lockstep', action='store_true',
+        help='publish a frame once the one before is scored: as fast as the graph can, with the '
+        'same results every time')
+    parser.add_argument('--loop', action='store_true', help='repeat the scenario until Ctrl-C')
+
+
+def add_recorded_frames(parser: argparse.ArgumentParser) -> None:
+    """Add the options about the frames of a bag or camera."""
+    parser.add_argument(
+        '--frames-topic', metavar='TOPIC',
+        help='topic of the frames in the bag (default: that of the recorded run, or /image_raw)')
+    parser.add_argument(
+        '--truth-topic', default='/ground_truth', metavar='TOPIC',
+        help='topic of the truth in the bag, if it has any (default: /ground_truth)')
+    parser.add_argument(
+        '--condition', choices=('auto', 'on', 'off'), default='auto',
+        help='whether a conditioner subtracts the background and evens out the noise of the '
+        'frames of a bag or camera (default: auto: on, unless the bag is of a simulation)')
+    parser.add_argument(
+        '--camera-within', type=number(0.0, above=True), default=10.0, metavar='S',
+        help='longest wait for the first frames of the camera [s] (default: 10)')
+
+
+def add_processing(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say which nodes process the frames, and with which parameters."""
+    parser.add_argument(
+        '--detector', nargs='+', default=['sdt'], metavar='NAME', dest='detectors',
+        help='detectors to run side by side on the same frames (default: sdt)')
+    parser.add_argument(
+        '--set', action='append', default=[], metavar='NODE.PARAMETER=VALUE', dest='overrides',
+        help='set one parameter of a detector, tracker or any other node; may be repeated')
+    parser.add_argument(
+        '--respawn', action=argparse.BooleanOptionalAction,
+        help='restart a node that dies; if it dies again and again, the run ends (default: '
+        'only with --loop and --camera)')
+
+
+def add_outputs(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say what the run leaves and shows."""
+    parser.add_argument(
+        '--results', type=Path, metavar='DIR',
+        help='folder for the results (default: results/SCENARIO-DETECTORS, with a number '
+        'appended if it is taken)')
+    parser.add_argument(
+        '--record', type=Path, metavar='DIR', help='record every topic in a new rosbag2 bag')
+    parser.add_argument(
+        '--storage', choices=('mcap', 'sqlite3'), default='mcap',
+        help='storage format of the bag (default: mcap)')
+    parser.add_argument(
+        '--view', action='store_true',
+        help='publish overlay and markers for RViz and Foxglove, see config/lowsnr.rviz')
+
+
+def add_network(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say which other processes can communicate with the nodes."""
+    parser.add_argument(
+        '--domain-id', type=number(0, whole=True), metavar='N',
+        help='ROS domain (default: ROS_DOMAIN_ID, or 0)')
+    parser.add_argument(
+        '--secure', type=Path, metavar='KEYSTORE',
+        help='start every node in its enclave of this SROS 2 keystore, with security enforced; '
+        'if the keystore lacks something, the error shows the commands that create it')
