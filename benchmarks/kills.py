@@ -77,7 +77,7 @@ def kill_all(kind: str, folder: Path, times: int, rng: 'np.random.Generator',
     side, arguments = KINDS[kind]
     scenario = folder / 'empty.yaml'
     scenario.write_text(SCENARIO.format(side=side), encoding='utf-8')
-    machine = Machine(folder, shutil.which('cc')) if kind == 'clock set back' else None
+    machine = HostFaults(folder, shutil.which('cc')) if kind == 'clock set back' else None
     before = dict(os.environ)
     os.environ |= machine.environment if machine else {}
     try:
