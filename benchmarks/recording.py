@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT / 'scripts'), *map(str, sorted((ROOT / 'src').glob('lowsnr_*')))]
 TOPIC = '/image_raw'
-DOMAIN = '97'
+DOMAIN = '96'
 
 
 def parse_arguments() -> argparse.Namespace:
@@ -103,9 +103,11 @@ def main() -> int:
     os.environ |= {'ROS_DOMAIN_ID': DOMAIN, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
     from lowsnr_bringup.bags.recorded_run import inspect_bag
     from lowsnr_bringup.bags.recording import summarize_recording
+    from lowsnr_bringup.run.domain import claim_domain
     from lowsnr_bringup.run.middleware import middleware_environment
     from rclpy import get_rmw_implementation_identifier
     size = 4 * options.side**2
+    claim = claim_domain()
     os.environ |= middleware_environment(os.environ, folder, get_rmw_implementation_identifier())
     try:
         start = time.monotonic()
@@ -119,6 +121,7 @@ def main() -> int:
         return int(found.frames != sent)
     finally:
         shutil.rmtree(folder)
+        claim.close()
 
 
 if __name__ == '__main__':
