@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from lowsnr_bringup.plan.run_plan import RunPlan
     from lowsnr_bringup.run.node_server import NodeServer
     from lowsnr_bringup.run.results_folder import Account
+    from lowsnr_detect.calibration.curve import Calibration
+    from lowsnr_detect.parts.detector import Detector
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'config'
@@ -94,20 +96,24 @@ def secure(keystore: Path, nodes: list[str]) -> None:
 
 def calibrate(plan: 'RunPlan') -> None:
     """Find the thresholds of matched detectors here, where progress can be shown."""
+    for path, detector in plan.detectors.items():
+        values = plan.parameters[path]
+        if values['operating_point'] == 'matched':
+            calibrate_detector(
+                path, detector, values['false_alarm_prob'], (values['rows'], values['cols']))
+
+
+def calibrate_detector(
+    name: str, detector: 'Detector', prob: float, shape: tuple[int, int],
+) -> 'Calibration':
+    """Return the calibration; show the progress if it takes more than half a second."""
     from lowsnr_detect.calibration.operating_point import calibrated
     from tqdm import tqdm
 
-    for path, detector in plan.detectors.items():
-        values = plan.parameters[path]
-        if values['operating_point'] != 'matched':
-            continue
-        with tqdm(total=100, desc=f'calibrating {path}', unit='%', leave=False,
-                  disable=None, delay=0.5) as bar:
-            def show(done: float, bar: tqdm = bar) -> None:
-                bar.update(round(100 * done) - bar.n)
-            calibrated(
-                detector, values['false_alarm_prob'], (values['rows'], values['cols']),
-                progress=show)
+    with tqdm(total=100, desc=f'calibrating {name}', unit='%', leave=False,
+              disable=None, delay=0.5) as bar:
+        return calibrated(
+            detector, prob, shape, progress=lambda done: bar.update(round(100 * done) - bar.n))
 
 
 def write_parameters(plan: 'RunPlan', folder: Path) -> None:
@@ -136,6 +142,7 @@ def run(plan: 'RunPlan', folder: Path, server: 'NodeServer') -> int:
 
 def present(plan: 'RunPlan', folder: Path, account: 'Account', trouble: str) -> None:
     """Sum up the scores, print them, and write the report."""
+    from lowsnr_bringup.run.results_folder import SUMMARY_FILE
     from lowsnr_common.settings.text import one_line
     from lowsnr_eval.report.table import format_table
     from lowsnr_eval.scoring.final_summary import summarize_run
@@ -144,7 +151,7 @@ def present(plan: 'RunPlan', folder: Path, account: 'Account', trouble: str) -> 
         summarize_run(folder, plan.parameters['/evaluator'], account)
     except (OSError, ValueError) as error:
         say(f'no summary: {one_line(error)}')
-    summary = folder / 'summary.json'
+    summary = folder / SUMMARY_FILE
     if summary.is_file():
         print(format_table(json.loads(summary.read_text(encoding='utf-8'))))
     if trouble:

@@ -9,10 +9,10 @@ from _arguments import number
 from _arguments import Parser
 from _arguments import USAGE
 import _environment
+from bringup import calibrate_detector
 from bringup import CONFIG
 
 if TYPE_CHECKING:
-    from lowsnr_detect.calibration.curve import Calibration
     from lowsnr_detect.parts.detector import Detector
 
 COLUMNS = (
@@ -64,7 +64,7 @@ def main() -> int:
         return USAGE
     print_row(COLUMNS)
     for name, detector, prob, shape in cases:
-        found = calibrate(name, detector, prob, shape)
+        found = calibrate_detector(name, detector, prob, shape)
         low, high = found.interval
         print_row((
             name, f'{detector.sensor.snr_db:g}', f'{shape[1]} x {shape[0]}', f'{prob:g}',
@@ -98,19 +98,6 @@ def planned(
         cases.append((
             name, detector, values['false_alarm_prob'], (values['rows'], values['cols'])))
     return cases
-
-
-def calibrate(
-    name: str, detector: 'Detector', prob: float, shape: tuple[int, int],
-) -> 'Calibration':
-    """Return the calibration; show the progress if it takes more than half a second."""
-    from lowsnr_detect.calibration.operating_point import calibrated
-    from tqdm import tqdm
-
-    with tqdm(total=100, desc=f'calibrating {name}', unit='%', leave=False,
-              disable=None, delay=0.5) as bar:
-        return calibrated(
-            detector, prob, shape, progress=lambda done: bar.update(round(100 * done) - bar.n))
 
 
 def print_row(cells: tuple[str, ...]) -> None:

@@ -98,10 +98,11 @@ def score(bag: 'Bag', options: argparse.Namespace) -> Path:
 
 def report(folder: Path) -> None:
     """Print the figures and write the page that shows the run."""
+    from lowsnr_bringup.run.results_folder import SUMMARY_FILE
     from lowsnr_eval.report.run_report import write_run_report
     from lowsnr_eval.report.table import format_table
 
-    print(format_table(json.loads((folder / 'summary.json').read_text(encoding='utf-8'))))
+    print(format_table(json.loads((folder / SUMMARY_FILE).read_text(encoding='utf-8'))))
     print(f'results in {folder}')
     command = shlex.join(['python', 'scripts/evaluate.py', *sys.argv[1:]])
     try:

@@ -59,12 +59,6 @@ class SettingsNode(SteadyLifecycleNode):
         """Set parameters one by one, by the same rules."""
         return [self.set_parameters_atomically([item]) for item in parameter_list]
 
-    def put_back(self, live: tuple[Any, ...]) -> None:
-        """Hold earlier settings again, where later ones turned out not to work."""
-        super().set_parameters_atomically([
-            Parameter(name, value=new) for name, _, new in self._differences(live)])
-        self.live = live
-
     def _checked(
         self, parameters: list[Parameter],
     ) -> tuple[tuple[Any, ...], list[Parameter]]:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-import difflib
 from typing import TypeVar
 
+from lowsnr_common.settings.text import did_you_mean
 from lowsnr_detect.parts.detector import Detector
 
 D = TypeVar('D', bound=Detector)
@@ -42,8 +42,7 @@ def detector_class(name: str) -> type[Detector]:
     """
     import lowsnr_detect.detectors  # noqa: F401  (its files register themselves)
     if name not in DETECTORS:
-        near = difflib.get_close_matches(name, DETECTORS, n=1)
-        hint = f'; did you mean {near[0]}?' if near else ''
         raise ValueError(
-            f'detector {name!r} is not one of {", ".join(sorted(DETECTORS))}{hint}')
+            f'detector {name!r} is not one of {", ".join(sorted(DETECTORS))}'
+            + did_you_mean(name, DETECTORS))
     return DETECTORS[name]
