@@ -87,9 +87,11 @@ def plan_of(options: argparse.Namespace) -> 'RunPlan':
 def secure(keystore: Path, nodes: list[str]) -> None:
     """Make all nodes that start from here on enforce security, each in its own enclave."""
     from lowsnr_bringup.plan.graph import MANAGER
+    from lowsnr_bringup.ros.bringup_node import check_security
     from lowsnr_bringup.run.security import secured_environment
 
     os.environ |= secured_environment(keystore, [f'/{MANAGER}', *nodes], os.environ)
+    check_security()
 
 
 def calibrate(plan: 'RunPlan') -> None:

@@ -1,4 +1,4 @@
-"""Starts nodes again that died in a run, and tells everybody who waits for them."""
+"""Restart of the nodes that die in a run."""
 
 from __future__ import annotations
 
@@ -6,26 +6,28 @@ import csv
 from dataclasses import dataclass
 from dataclasses import field
 from pathlib import Path
-import sys
 import time
 
 from lowsnr_bringup.plan.graph import Node
 from lowsnr_bringup.ros.manager import Manager
 from lowsnr_bringup.run.processes import NodeProcess
 from lowsnr_bringup.run.processes import ProcessGroup
+from lowsnr_bringup.run.processes import tell
 from lowsnr_bringup.run.respawn_policy import Deaths
 from lowsnr_bringup.run.respawn_policy import RespawnPolicy
 from lowsnr_bringup.run.results_folder import RESTARTS_FILE
 from lowsnr_bringup.run.shared_memory import clear_leftovers
-from tqdm import tqdm
+from lowsnr_common.core.process_setup import SHUT_DOWN
+from lowsnr_common.core.process_setup import USAGE_ERROR
 
 _COLUMNS = ('frame', 'node', 'death', 'down_s')
 # A start may have to calibrate.
 _ACTIVE_WITHIN_S = 600.0
 _AGAIN_AFTER_S = 5.0
-_USAGE_ERROR = 2
-# Of what a node ends itself with, what it would end with again; a recorder on a full disk does.
-_FINAL = {'recorder': (_USAGE_ERROR, 1)}
+# Exit statuses after which a node is not started again: it would end the same way, or an
+# operator has shut it down.  A recorder ends with 1 when the disk is full.
+_FINAL = (USAGE_ERROR, SHUT_DOWN)
+_FINAL_OF = {'recorder': (*_FINAL, 1)}
 
 
 @dataclass
@@ -43,16 +45,16 @@ class _Case:
 @dataclass
 class Respawner:
     """
-    Brings nodes back that died.
+    Starts nodes again that died, and announces them once they are active.
 
     Parameters
     ----------
     group, manager
-        The processes, and who hears of them.
+        The processes, and the manager that announces them.
     folder
         Results folder, whose ``restarts.csv`` gets a line for each restart.
     files
-        Texts of the files that a node needs at its start, written again where they are gone.
+        Texts of the files that a node needs at its start; a file that is gone is written again.
 
     """
 
@@ -66,18 +68,18 @@ class Respawner:
 
     @property
     def away(self) -> set[Node]:
-        """Return the nodes that are on their way back."""
+        """Return the nodes that have died and are not active again yet."""
         return set(self._cases)
 
-    def took(self, member: NodeProcess) -> bool:
-        """Take on a dead member; False where it is not to be started again."""
+    def schedule(self, member: NodeProcess) -> bool:
+        """Schedule the restart of a dead member; return False if it stays dead."""
         node, now_s = member.node, time.monotonic()
         if node in self._cases and self._cases[node].process is not member:
-            return True  # waits for its start
+            return True  # it is scheduled
         self.manager.catch_up()
         deaths = self._deaths.setdefault(node, Deaths(self.policy))
         wait_s = deaths.add(now_s)
-        if wait_s is None or member.process.returncode in _FINAL.get(node.name, (_USAGE_ERROR,)):
+        if wait_s is None or member.process.returncode in _FINAL_OF.get(node.name, _FINAL):
             self._cases.pop(node, None)
             return False
         clear_leftovers()
@@ -85,11 +87,11 @@ class Respawner:
         died_s = first.died_s if first else now_s
         self._cases[node] = _Case(member.death(), self.manager.scored, died_s, now_s + wait_s)
         tell(f'{node.label} {member.death()} at frame {self.manager.scored}; '
-             f'it is started again (restart {deaths.count})')
+             f'bring-up starts it again (restart {deaths.count})')
         return True
 
-    def look(self) -> None:
-        """Start what is due, and say who is back."""
+    def update(self) -> None:
+        """Start the nodes that are due, and announce those that are active again."""
         for node, case in list(self._cases.items()):
             now_s = time.monotonic()
             if case.process is None and now_s >= case.start_s:
@@ -103,7 +105,7 @@ class Respawner:
                 case.process.process.kill()
 
     def _start(self, node: Node, case: _Case) -> None:
-        """Start a node again, or try later where the disk or the machine has no room."""
+        """Start a node again, or try later if the disk or the machine has no room."""
         own: dict[str, object] = {
             **self.manager.changed(node),
             'autostart': True, 'lives': self._deaths[node].count}
@@ -136,6 +138,3 @@ class Respawner:
             tell(f'{path}: cannot be written: {error.strerror}')
 
 
-def tell(text: str) -> None:
-    """Say something beside the progress bar."""
-    tqdm.write(f'bringup.py: {text}', file=sys.stderr)

@@ -40,7 +40,7 @@ def declare(node: Node, cls: type[T], *, live: bool = False) -> T:
         Settings class; ``group.value`` becomes the parameter of that name.
     live
         Whether the node takes live settings while it runs
-        (:mod:`lowsnr_common.ros.live_parameters`); all others are read-only.
+        (:mod:`lowsnr_common.ros.settings_node`); all others are read-only.
 
     Raises
     ------
