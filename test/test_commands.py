@@ -32,9 +32,9 @@ import os, pathlib, subprocess, time
 import pytest
 
 @pytest.fixture
-def process(request):
-    with subprocess.Popen(['sleep', '1000']) as started:
-        path = pathlib.Path(__file__).with_name(request.node.name)
+def process():
+    with subprocess.Popen(['sleep', '300']) as started:
+        path = pathlib.Path(__file__)
         path.with_suffix('.new').write_text(f'{os.getpid()} {started.pid}')
         path.with_suffix('.new').rename(path.with_suffix('.pids'))
         try:
@@ -42,8 +42,7 @@ def process(request):
         finally:
             started.kill()
 
-@pytest.mark.parametrize('number', range(2))
-def test_endless(process, number):
+def test_endless(process):
     process.wait()
 """
 
@@ -136,13 +135,14 @@ def wait_for_pids(folder, count):
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize('workers', [0, 2])
 def test_interrupt_ends_tests_linters_and_what_they_started(tmp_path, workers, number):
-    (tmp_path / 'test_endless.py').write_text(ENDLESS)
+    for worker in range(max(1, workers)):  # a worker takes the tests of a whole file
+        (tmp_path / f'test_endless_{worker}.py').write_text(ENDLESS)
     (tmp_path / 'endless_linter.py').write_text(
         'import os, pathlib, time\n'
         f'pathlib.Path({str(tmp_path / "linter.pids")!r}).write_text(str(os.getpid()))\n'
-        'time.sleep(1000)\n')
+        'time.sleep(300)\n')
     path = os.pathsep.join([str(tmp_path), *sys.path])
-    with start(f'-n{workers}', tmp_path / 'test_endless.py', PYTHONPATH=path,
+    with start(f'-n{workers}', *tmp_path.glob('test_*.py'), PYTHONPATH=path,
                linters={'endless': ['endless_linter']}) as process:
         try:
             pids = wait_for_pids(tmp_path, 1 + max(1, workers))

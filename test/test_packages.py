@@ -17,7 +17,7 @@ PACKAGES = sorted(path.parent.name for path in (ROOT / 'src').glob('*/package.xm
 # The rosdep key of an imported module, where it is not the module's own name.
 KEYS = {name: f'python3-{name}' for name in (
     'astropy', 'dask', 'distributed', 'lz4', 'matplotlib', 'mcap', 'numba', 'numpy', 'rosbags',
-    'scipy', 'tqdm', 'yaml', 'zstandard')} | {
+    'scipy', 'setproctitle', 'tqdm', 'yaml', 'zstandard')} | {
     'cv2': 'python3-opencv'}
 
 

@@ -119,7 +119,7 @@ class ProcessGroup:
         os.close(self._pipe_out)
 
     def start(
-        self, node: Node, parameter_file: Path, parameters: Mapping[str, object] = NONE,
+        self, node: Node, parameter_file: Path, overrides: Mapping[str, object] = NONE,
     ) -> NodeProcess:
         """
         Start one node; its output is appended to ``<label>.log``.
@@ -130,8 +130,8 @@ class ProcessGroup:
             The node.  If it had a process before, that is no longer a member.
         parameter_file
             File with its parameters.
-        parameters
-            Values that take precedence over those of the file.
+        overrides
+            Values of parameters that take precedence over those of the file.
 
         Raises
         ------
@@ -141,7 +141,7 @@ class ProcessGroup:
         """
         arguments = [*node.arguments, '--ros-args', '--params-file', str(parameter_file),
                      '--enclave', node.path]
-        for name, value in parameters.items():
+        for name, value in overrides.items():
             arguments += ['-p', f'{name}:={value}']
         if node.namespace:
             arguments += ['-r', f'__ns:={node.namespace}']
