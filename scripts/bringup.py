@@ -74,10 +74,10 @@ def plan_of(options: argparse.Namespace) -> 'RunPlan':
     from lowsnr_bringup.plan.run_plan import plan_run
 
     def look(topic: str) -> 'RecordedRun':
-        from lowsnr_bringup.ros.camera import look_at_camera
+        from lowsnr_bringup.ros.camera import inspect_camera
         if options.secure is not None:
             secure(options.secure, [])
-        return look_at_camera(topic, options.camera_within)
+        return inspect_camera(topic, options.camera_within)
 
     return plan_run(
         RunOptions(**{item.name: getattr(options, item.name) for item in fields(RunOptions)}),

@@ -4,7 +4,7 @@ import threading
 
 from graph_runs import own_domain
 from lowsnr_bringup.ros.camera import CameraError
-from lowsnr_bringup.ros.camera import look_at_camera
+from lowsnr_bringup.ros.camera import inspect_camera
 from lowsnr_bringup.ros.node_watch import CameraWatch
 from lowsnr_bringup.ros.node_watch import StateWatch
 from lowsnr_common.ros.connections import OTHER_TYPE
@@ -57,7 +57,7 @@ def camera(context, monkeypatch):
 @pytest.mark.parametrize('qos', [RELIABLE, qos_profile_sensor_data], ids=['reliable', 'effort'])
 def test_size_encoding_and_period_are_seen(camera, qos):
     camera(lambda k: image(1e9 + 0.04 * k), qos)
-    seen = look_at_camera(TOPIC, 60.0)
+    seen = inspect_camera(TOPIC, 60.0)
     assert (seen.name, seen.rows, seen.cols, seen.encoding) == ('camera/image_raw', 3, 5, 'mono16')
     assert seen.period_s == pytest.approx(0.04)
     assert (seen.raw, seen.truth, seen.simulated, seen.frames) == (True, False, False, 0)
@@ -72,7 +72,7 @@ def test_size_encoding_and_period_are_seen(camera, qos):
 def test_frames_that_cannot_be_used_are_rejected_with_a_reason(camera, make, reason):
     camera(make)
     with pytest.raises(CameraError) as caught:
-        look_at_camera(TOPIC, 60.0)
+        inspect_camera(TOPIC, 60.0)
     assert caught.value.reason == reason
     assert str(caught.value).startswith(f'{TOPIC}: ')
     assert '\n' not in str(caught.value)
@@ -82,7 +82,7 @@ def test_other_type_is_named_with_the_topics_that_can_be_used(camera):
     camera(image, topic='/right/image_raw')
     camera(lambda _: CameraInfo(), kind=CameraInfo)
     with pytest.raises(CameraError, match='sensor_msgs/msg/CameraInfo') as caught:
-        look_at_camera(TOPIC, 60.0)
+        inspect_camera(TOPIC, 60.0)
     assert caught.value.reason == OTHER_TYPE
     assert str(caught.value).startswith(f'{TOPIC}: ')
     assert '\n' not in str(caught.value)
@@ -91,7 +91,7 @@ def test_other_type_is_named_with_the_topics_that_can_be_used(camera):
 def test_topic_that_nobody_publishes_is_named_with_those_that_can_be_used(camera):
     camera(image)
     with pytest.raises(CameraError, match=f'^/camera/raw: .* {TOPIC}$') as caught:
-        look_at_camera('/camera/raw', 3.0)
+        inspect_camera('/camera/raw', 3.0)
     assert caught.value.reason == 'nobody publishes'
 
 
@@ -99,7 +99,7 @@ def test_camera_that_sends_nothing_is_named(camera, context):
     node = Node('driver', context=context)
     node.create_publisher(Image, TOPIC, RELIABLE)
     with pytest.raises(CameraError, match=f'{TOPIC}: 0 .*/driver') as caught:
-        look_at_camera(TOPIC, 3.0)
+        inspect_camera(TOPIC, 3.0)
     assert caught.value.reason == 'too few frames'
     node.destroy_node()
 

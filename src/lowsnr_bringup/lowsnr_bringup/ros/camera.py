@@ -49,7 +49,7 @@ class CameraError(ValueError):
         self.reason = reason
 
 
-def look_at_camera(topic: str, within_s: float = 10.0) -> RecordedRun:
+def inspect_camera(topic: str, within_s: float = 10.0) -> RecordedRun:
     """
     Take the first few frames of a camera.
 

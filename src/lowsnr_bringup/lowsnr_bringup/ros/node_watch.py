@@ -8,7 +8,7 @@ from dataclasses import field
 import time
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from lowsnr_bringup.run.processes import tell
+from lowsnr_bringup.run.processes import notify
 from lowsnr_common.ros.diagnostics import faults_of
 
 # A fault that has not been reported for this long counts as a new one.
@@ -34,12 +34,12 @@ class CameraWatch:
         """Take the node's newest status."""
         now_s, failing = self.clock(), status.level == DiagnosticStatus.ERROR
         if self._failing and not failing:
-            tell('frames come again')
+            notify('frames come again')
             self._seen_s.clear()
         self._failing = failing
         for key, sentence in faults_of(status).items():
             if now_s - self._seen_s.get(key, -_NEW_AFTER_S) >= _NEW_AFTER_S:
-                tell(sentence)
+                notify(sentence)
             self._seen_s[key] = now_s
 
 
@@ -72,8 +72,9 @@ class StateWatch:
             return
         self._states[path, process] = state
         if state != _ACTIVE:
-            tell(f'{label} is {state}, which bring-up did not ask for: it answers nothing until '
-                 f'it is active again (ros2 lifecycle set {path} '
-                 f'{"configure, and then activate" if state == "unconfigured" else "activate"})')
+            steps = 'configure, and then activate' if state == 'unconfigured' else 'activate'
+            notify(
+                f'{label} is {state}, which bring-up did not ask for: it answers nothing until '
+                f'it is active again (ros2 lifecycle set {path} {steps})')
         elif before:
-            tell(f'{label} is active again')
+            notify(f'{label} is active again')

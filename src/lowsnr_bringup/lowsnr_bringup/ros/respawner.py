@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 import csv
 from dataclasses import dataclass
 from dataclasses import field
@@ -11,10 +12,8 @@ import time
 from lowsnr_bringup.plan.graph import Node
 from lowsnr_bringup.ros.manager import Manager
 from lowsnr_bringup.run.processes import NodeProcess
+from lowsnr_bringup.run.processes import notify
 from lowsnr_bringup.run.processes import ProcessGroup
-from lowsnr_bringup.run.processes import tell
-from lowsnr_bringup.run.respawn_policy import Deaths
-from lowsnr_bringup.run.respawn_policy import RespawnPolicy
 from lowsnr_bringup.run.results_folder import RESTARTS_FILE
 from lowsnr_bringup.run.shared_memory import clear_leftovers
 from lowsnr_common.core.process_setup import SHUT_DOWN
@@ -30,9 +29,48 @@ _FINAL = (USAGE_ERROR, SHUT_DOWN)
 _FINAL_OF = {'recorder': (*_FINAL, 1)}
 
 
+@dataclass(frozen=True)
+class RespawnPolicy:
+    """
+    How often, and after what wait, a node that died is started again.
+
+    Bring-up starts a node again after the first death within ``window_s`` at once, after the
+    second in ``wait_s``, after each further one in twice the wait before, and gives the node up
+    after more than ``most``.
+    """
+
+    most: int = 5
+    window_s: float = 60.0
+    wait_s: float = 0.5
+
+
+@dataclass
+class Deaths:
+    """The deaths of one node."""
+
+    policy: RespawnPolicy
+    count: int = 0
+    _recent: deque[float] = field(default_factory=deque)
+
+    def add(self, now_s: float) -> float | None:
+        """Count a death; return how long to wait [s], or None if the node is given up."""
+        self.count += 1
+        while self._recent and now_s - self._recent[0] > self.policy.window_s:
+            self._recent.popleft()
+        self._recent.append(now_s)
+        recent = len(self._recent)
+        if recent > self.policy.most:
+            return None
+        return 0.0 if recent == 1 else self.policy.wait_s * 2.0 ** (recent - 2)
+
+
 @dataclass
 class _Case:
-    """A node that died: how, at which frame, when [s], and its new process if started."""
+    """
+    A node that died: how, at which frame and when [s].
+
+    ``start_s`` is when it is due to start, ``process`` its new process if that has started.
+    """
 
     death: str
     frame: int
@@ -86,8 +124,9 @@ class Respawner:
         first = self._cases.get(node)
         died_s = first.died_s if first else now_s
         self._cases[node] = _Case(member.death(), self.manager.scored, died_s, now_s + wait_s)
-        tell(f'{node.label} {member.death()} at frame {self.manager.scored}; '
-             f'bring-up starts it again (restart {deaths.count})')
+        notify(
+            f'{node.label} {member.death()} at frame {self.manager.scored}; '
+            f'bring-up starts it again (restart {deaths.count})')
         return True
 
     def update(self) -> None:
@@ -100,7 +139,7 @@ class Respawner:
                 continue
             elif self.manager.is_active(node, case.process.process.pid):
                 del self._cases[node]
-                self._back(node, case, now_s)
+                self._announce(node, case, now_s)
             elif now_s - case.started_s > _ACTIVE_WITHIN_S:
                 case.process.process.kill()
 
@@ -120,13 +159,15 @@ class Respawner:
             case.started_s = time.monotonic()
         except OSError as error:
             case.start_s += _AGAIN_AFTER_S
-            tell(f'{node.label} cannot be started: {error.strerror}: {error.filename}; '
-                 f'trying again in {_AGAIN_AFTER_S:g} s')
+            notify(
+                f'{node.label} cannot be started: {error.strerror}: {error.filename}; '
+                f'trying again in {_AGAIN_AFTER_S:g} s')
 
-    def _back(self, node: Node, case: _Case, now_s: float) -> None:
+    def _announce(self, node: Node, case: _Case, now_s: float) -> None:
+        """Publish, print and write down that a node is active again."""
         self.manager.announce(node, case.death, now_s - case.started_s)
         down_s = now_s - case.died_s
-        tell(f'{node.label} is back after {down_s:.1f} s')
+        notify(f'{node.label} is back after {down_s:.1f} s')
         path = self.folder / RESTARTS_FILE
         try:
             fresh = not path.exists()
@@ -135,6 +176,4 @@ class Respawner:
                 table.writerows([_COLUMNS] * fresh)
                 table.writerow([case.frame, node.label, case.death, f'{down_s:.3f}'])
         except OSError as error:
-            tell(f'{path}: cannot be written: {error.strerror}')
-
-
+            notify(f'{path}: cannot be written: {error.strerror}')

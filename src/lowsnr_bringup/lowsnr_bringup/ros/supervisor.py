@@ -21,8 +21,8 @@ from lowsnr_bringup.ros.respawner import Respawner
 from lowsnr_bringup.run.middleware import PROFILE_FILE
 from lowsnr_bringup.run.node_server import NodeServer
 from lowsnr_bringup.run.processes import NodeProcess
+from lowsnr_bringup.run.processes import notify
 from lowsnr_bringup.run.processes import ProcessGroup
-from lowsnr_bringup.run.processes import tell
 from lowsnr_bringup.run.results_folder import Account
 from lowsnr_bringup.run.results_folder import PARAMETERS_FILE
 from tqdm import tqdm
@@ -78,7 +78,7 @@ class Supervisor:
         self._missed: dict[Node, str] = {}  # nodes that stay dead, and how they died
 
     def run(self) -> tuple[int, str]:
-        """Run the graph; return the exit status, and what went wrong or nothing."""
+        """Run the graph; return the exit status, and what failed, empty if nothing did."""
         before = {s: signal.signal(s, self._on_signal) for s in (signal.SIGINT, signal.SIGTERM)}
         try:
             with ProcessGroup(
@@ -111,7 +111,7 @@ class Supervisor:
                 self._manager.close()
 
     def _follow(self) -> None:
-        """Bring the graph up and wait until the source is done and its frames are scored."""
+        """Activate the nodes, and wait until the source is done and its frames are scored."""
         self._manager.change(CONFIGURE, self._nodes, _START_WITHIN_S)
         self._manager.wait_for_evaluator()
         for node in self._nodes:
@@ -150,12 +150,12 @@ class Supervisor:
             try:
                 self._manager.change(DEACTIVATE, [node], within_s)
             except GraphFailure as error:
-                tell(f'while stopping: {error}')
+                notify(f'while stopping: {error}')
 
     _check_enabled = True
 
     def _check(self) -> None:
-        """Raise if the run was interrupted or a node has died."""
+        """Handle dead nodes; raise if the run is interrupted or cannot go on without one."""
         if not self._check_enabled:
             return
         if self._signal:
@@ -165,7 +165,7 @@ class Supervisor:
                 continue
             if member.node not in self._missed and not (
                     self._respawner and self._respawner.schedule(member)):
-                self._lose(member)
+                self._continue_without(member)
         if self._respawner:
             self._respawner.update()
         self._watch_camera()
@@ -176,7 +176,7 @@ class Supervisor:
         if path in self._manager.statuses:
             self._watch.update(self._manager.statuses.pop(path))
 
-    def _lose(self, member: NodeProcess) -> None:
+    def _continue_without(self, member: NodeProcess) -> None:
         """Continue without a node that stays dead, or raise if the run needs it."""
         report = (f'{member.node.label} {member.death()} at frame {self._manager.scored}; '
                   f'the end of {member.log}:\n{member.last_lines()}')
@@ -184,7 +184,7 @@ class Supervisor:
         if not (spare and self._manager.scored):
             raise GraphFailure(report)
         self._missed[member.node] = report
-        tell(f'the run goes on without {report}')
+        notify(f'the run goes on without {report}')
 
     def _source_done(self) -> bool:
         return any(member.node.source and member.process.returncode == 0

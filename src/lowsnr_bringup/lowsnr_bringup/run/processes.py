@@ -163,7 +163,7 @@ class ProcessGroup:
                     module, arguments, self._environment, log.fileno(), self._pipe_out)
             except ServerGone:
                 self._server = None
-                tell('the process that forks nodes is gone; each node starts a Python of its own')
+                notify('the process that forks nodes is gone; nodes start their own Python')
         return subprocess.Popen(
             [sys.executable, '-m', module, *arguments], stdin=subprocess.DEVNULL, stdout=log,
             stderr=subprocess.STDOUT, env={**self._environment, LIFELINE: str(self._pipe_out)},
@@ -197,6 +197,6 @@ def _wait(members: Iterable[NodeProcess], seconds: float) -> bool:
     return True
 
 
-def tell(text: str) -> None:
+def notify(text: str) -> None:
     """Print a line above the progress bar."""
     tqdm.write(f'bringup.py: {text}', file=sys.stderr)

@@ -44,7 +44,7 @@ class Fault:
 
     @property
     def key(self) -> str:
-        """What tells faults apart: subject and reason."""
+        """Return what tells faults apart: subject and reason."""
         return f'{self.subject} {self.reason}'
 
     def __str__(self) -> str:

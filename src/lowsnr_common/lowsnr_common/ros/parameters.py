@@ -54,7 +54,8 @@ def declare(node: Node, cls: type[T], *, live: bool = False) -> T:
     built = build_settings(cls, values)
     for name, item in declared.items():
         if item.live and live:
-            # Only now: a range has the middleware refuse a value given at the start in its words.
+            # Only now: with a range, rclpy would reject a wrong value at the start, and not name
+            # the parameter.
             node.set_descriptor(name, _with_range(_descriptor(item, live), item))
     return built
 
