@@ -18,7 +18,7 @@ from _run_arguments import parse_arguments
 if TYPE_CHECKING:
     from lowsnr_bringup.bags.recorded_run import RecordedRun
     from lowsnr_bringup.plan.run_plan import RunPlan
-    from lowsnr_bringup.run.node_server import NodeServer
+    from lowsnr_bringup.run.forked_nodes import NodeServer
     from lowsnr_bringup.run.results_folder import Account
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -30,7 +30,7 @@ def main() -> int:
     _environment.ensure()
     options = parse_arguments(sys.argv[1:])
     set_environment(options)
-    from lowsnr_bringup.run.node_server import NodeServer
+    from lowsnr_bringup.run.forked_nodes import NodeServer
     with NodeServer() as server:
         return plan_and_run(options, server)
 

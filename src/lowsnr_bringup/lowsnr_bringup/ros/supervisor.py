@@ -18,8 +18,8 @@ from lowsnr_bringup.ros.manager import GraphFailure
 from lowsnr_bringup.ros.manager import Manager
 from lowsnr_bringup.ros.node_watch import CameraWatch
 from lowsnr_bringup.ros.respawner import Respawner
+from lowsnr_bringup.run.forked_nodes import NodeServer
 from lowsnr_bringup.run.middleware import PROFILE_FILE
-from lowsnr_bringup.run.node_server import NodeServer
 from lowsnr_bringup.run.processes import NodeProcess
 from lowsnr_bringup.run.processes import notify
 from lowsnr_bringup.run.processes import ProcessGroup

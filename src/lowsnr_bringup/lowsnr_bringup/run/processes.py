@@ -16,8 +16,8 @@ from typing import BinaryIO
 from typing import Protocol
 
 from lowsnr_bringup.plan.graph import Node
-from lowsnr_bringup.run.node_server import NodeServer
-from lowsnr_bringup.run.node_server import ServerGone
+from lowsnr_bringup.run.forked_nodes import NodeServer
+from lowsnr_bringup.run.forked_nodes import ServerGone
 from lowsnr_bringup.run.shared_memory import clear_leftovers
 from lowsnr_common.core.process_setup import LIFELINE
 from lowsnr_common.core.process_setup import SHUT_DOWN

@@ -166,9 +166,9 @@ class ManagedNode(SettingsNode):
         timeline, key = self._timelines[source], stamp_key(stamp)
         newest, order = timeline.newest, timeline.classify(key)
         if order is StampOrder.LATE:
-            self.counts['late'] += 1
-            self.reject(
-                source, LATE, f'stamp {key / 1e9:.14g} s is not after {newest / 1e9:.14g} s')
+            self.counts.update(('late', 'refused'))
+            self.warn(Fault(
+                source, LATE, f'stamp {key / 1e9:.14g} s is not after {newest / 1e9:.14g} s'))
         elif order is StampOrder.SET_BACK:
             self.counts['set back'] += 1
             self.health.fault = Fault(
