@@ -77,17 +77,17 @@ def kill_all(kind: str, folder: Path, times: int, rng: 'np.random.Generator',
     side, arguments = KINDS[kind]
     scenario = folder / 'empty.yaml'
     scenario.write_text(SCENARIO.format(side=side), encoding='utf-8')
-    machine = HostFaults(folder, shutil.which('cc')) if kind == 'clock set back' else None
+    host = HostFaults(folder, shutil.which('cc')) if kind == 'clock set back' else None
     before = dict(os.environ)
-    os.environ |= machine.environment if machine else {}
+    os.environ |= host.environment if host else {}
     try:
         with start_bringup(
                 folder / 'run', '--detector', 'cdt', '--scenario', str(scenario), '--loop',
                 *arguments, domain_id=DOMAIN) as run:
             run.wait_for_rows(20)
             for hours in (24, 0):
-                if machine is not None:
-                    machine.set_clock(hours)
+                if host is not None:
+                    host.set_clock(hours)
                     run.wait_for_rows(len(run.rows()) + 20)
             for module in (str(name) for _ in range(times) for name in rng.permutation(NODES)):
                 time.sleep(float(rng.uniform(0.0, 0.5)))

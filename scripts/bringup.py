@@ -18,7 +18,7 @@ from _run_arguments import parse_arguments
 if TYPE_CHECKING:
     from lowsnr_bringup.bags.recorded_run import RecordedRun
     from lowsnr_bringup.plan.run_plan import RunPlan
-    from lowsnr_bringup.run.node_server import NodeServer
+    from lowsnr_bringup.run.forked_nodes import NodeServer
     from lowsnr_bringup.run.results_folder import Account
     from lowsnr_detect.calibration.curve import Calibration
     from lowsnr_detect.parts.detector import Detector
@@ -32,7 +32,7 @@ def main() -> int:
     _environment.ensure()
     options = parse_arguments(sys.argv[1:])
     set_environment(options)
-    from lowsnr_bringup.run.node_server import NodeServer
+    from lowsnr_bringup.run.forked_nodes import NodeServer
     with NodeServer() as server:
         return plan_and_run(options, server)
 
@@ -76,10 +76,10 @@ def plan_of(options: argparse.Namespace) -> 'RunPlan':
     from lowsnr_bringup.plan.run_plan import plan_run
 
     def look(topic: str) -> 'RecordedRun':
-        from lowsnr_bringup.ros.camera import look_at_camera
+        from lowsnr_bringup.ros.camera import inspect_camera
         if options.secure is not None:
             secure(options.secure, [])
-        return look_at_camera(topic, options.camera_within)
+        return inspect_camera(topic, options.camera_within)
 
     return plan_run(
         RunOptions(**{item.name: getattr(options, item.name) for item in fields(RunOptions)}),
@@ -89,9 +89,11 @@ def plan_of(options: argparse.Namespace) -> 'RunPlan':
 def secure(keystore: Path, nodes: list[str]) -> None:
     """Make all nodes that start from here on enforce security, each in its own enclave."""
     from lowsnr_bringup.plan.graph import MANAGER
+    from lowsnr_bringup.ros.bringup_node import check_security
     from lowsnr_bringup.run.security import secured_environment
 
     os.environ |= secured_environment(keystore, [f'/{MANAGER}', *nodes], os.environ)
+    check_security()
 
 
 def calibrate(plan: 'RunPlan') -> None:

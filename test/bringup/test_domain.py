@@ -24,24 +24,24 @@ def refusal():
     return str(caught.value)
 
 
-def test_domain_is_had_by_one_at_a_time(lock):
+def test_one_run_at_a_time_has_a_domain(lock):
     with claim_domain():
         assert lock.stat().st_mode & 0o777 == 0o600
-        assert 'another run uses ROS domain 7' in refusal()
+        assert 'ROS domain 7:' in refusal()
     claim_domain().close()
 
 
 def test_link_is_not_followed(lock, tmp_path):
     lock.symlink_to(tmp_path / 'elsewhere')
-    assert refusal().startswith(f'{lock}: cannot be written: ')
+    assert refusal().startswith(f'{lock}: ')
     assert not (tmp_path / 'elsewhere').exists()
 
 
 def test_pipe_is_refused_without_waiting_for_its_reader(lock):
     os.mkfifo(lock)
-    assert str(lock) in refusal()
+    assert refusal().startswith(f'{lock}: ')
     reader = os.open(lock, os.O_RDONLY | os.O_NONBLOCK)
-    assert refusal().startswith(f'{lock}: is not a file of this user: ')
+    assert refusal().startswith(f'{lock}: ')
     os.close(reader)
 
 
@@ -52,6 +52,6 @@ def test_file_of_another_user_is_refused(lock, monkeypatch):
     other.touch()
     with other.open('a') as file:
         fcntl.flock(file, fcntl.LOCK_EX)
-        assert refusal() == (
-            f'{other}: is not a file of this user: remove it, or set TMPDIR to a folder of your '
-            'own')
+        said = refusal()  # of the file, not of its lock
+        assert said.startswith(f'{other}: ')
+        assert 'TMPDIR' in said

@@ -8,9 +8,9 @@ import sys
 import time
 
 from lowsnr_bringup.plan.graph import Node
-from lowsnr_bringup.run.node_server import ForkedProcess
-from lowsnr_bringup.run.node_server import NodeServer
-from lowsnr_bringup.run.node_server import ServerGone
+from lowsnr_bringup.run.forked_nodes import ForkedProcess
+from lowsnr_bringup.run.forked_nodes import NodeServer
+from lowsnr_bringup.run.forked_nodes import ServerGone
 from lowsnr_bringup.run.processes import ProcessGroup
 import psutil
 import pytest
@@ -130,7 +130,7 @@ STARTER = """
 import sys
 from pathlib import Path
 from lowsnr_bringup.plan.graph import Node
-from lowsnr_bringup.run.node_server import NodeServer
+from lowsnr_bringup.run.forked_nodes import NodeServer
 from lowsnr_bringup.run.processes import ProcessGroup
 import os
 with NodeServer() as server, ProcessGroup(Path(sys.argv[1]), os.environ, server) as group:

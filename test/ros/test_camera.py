@@ -1,11 +1,15 @@
-"""What bring-up sees of a camera before a run, and says of it while one goes on."""
+"""What bring-up finds out about a camera before a run, and prints about nodes during one."""
 
 import threading
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from graph_runs import own_domain
-from lowsnr_bringup.ros.camera import look_at_camera
-from lowsnr_bringup.ros.camera_watch import CameraWatch
+from lowsnr_bringup.ros.camera import CameraError
+from lowsnr_bringup.ros.camera import inspect_camera
+from lowsnr_bringup.ros.node_watch import CameraWatch
+from lowsnr_bringup.ros.node_watch import StateWatch
+from lowsnr_common.ros.connections import OTHER_TYPE
+from lowsnr_common.ros.diagnostics import Fault
+from lowsnr_common.ros.diagnostics import Health
 from lowsnr_common.ros.messages import stamp_from_seconds
 import pytest
 from rclpy.node import Node
@@ -53,71 +57,95 @@ def camera(context, monkeypatch):
 @pytest.mark.parametrize('qos', [RELIABLE, qos_profile_sensor_data], ids=['reliable', 'effort'])
 def test_size_encoding_and_period_are_seen(camera, qos):
     camera(lambda k: image(1e9 + 0.04 * k), qos)
-    seen = look_at_camera(TOPIC, 60.0)
+    seen = inspect_camera(TOPIC, 60.0)
     assert (seen.name, seen.rows, seen.cols, seen.encoding) == ('camera/image_raw', 3, 5, 'mono16')
     assert seen.period_s == pytest.approx(0.04)
     assert (seen.raw, seen.truth, seen.simulated, seen.frames) == (True, False, False, 0)
 
 
-@pytest.mark.parametrize(('make', 'said'), [
-    (lambda k: image(k, 'bgr8'), "encoding is 'bgr8', must be one of mono8"),
-    (lambda k: image(k, rows=0), 'frame of 5 x 0 cells is empty'),
-    (lambda k: image(k, rows=3 + k % 2), 'its frames are of 5 x 3 and 5 x 4 pixels'),
-    (lambda k: image(0.0), r'the stamps of its frames do not grow \(0, 0, 0, 0, 0 s\)'),
+@pytest.mark.parametrize(('make', 'reason'), [
+    (lambda k: image(k, 'bgr8'), 'wrong encoding'),
+    (lambda k: image(k, rows=0), 'empty frame'),
+    (lambda k: image(k, rows=3 + k % 2), 'changing size'),
+    (lambda k: image(0.0), 'constant stamps'),
 ])
-def test_frames_that_cannot_be_used_are_refused_by_topic(camera, make, said):
+def test_frames_that_cannot_be_used_are_rejected_with_a_reason(camera, make, reason):
     camera(make)
-    with pytest.raises(ValueError, match=f'{TOPIC}: {said}') as caught:
-        look_at_camera(TOPIC, 60.0)
+    with pytest.raises(CameraError) as caught:
+        inspect_camera(TOPIC, 60.0)
+    assert caught.value.reason == reason
+    assert str(caught.value).startswith(f'{TOPIC}: ')
     assert '\n' not in str(caught.value)
 
 
-def test_other_type_is_named_with_the_topics_that_will_do(camera):
+def test_other_type_is_named_with_the_topics_that_can_be_used(camera):
     camera(image, topic='/right/image_raw')
     camera(lambda _: CameraInfo(), kind=CameraInfo)
-    with pytest.raises(ValueError, match=f'{TOPIC}: is of type sensor_msgs/msg/CameraInfo, not '
-                       'sensor_msgs/msg/Image') as caught:
-        look_at_camera(TOPIC, 60.0)
+    with pytest.raises(CameraError, match='sensor_msgs/msg/CameraInfo') as caught:
+        inspect_camera(TOPIC, 60.0)
+    assert caught.value.reason == OTHER_TYPE
+    assert str(caught.value).startswith(f'{TOPIC}: ')
     assert '\n' not in str(caught.value)
 
 
-def test_topic_that_nobody_publishes_is_named_with_those_that_will_do(camera):
+def test_topic_that_nobody_publishes_is_named_with_those_that_can_be_used(camera):
     camera(image)
-    with pytest.raises(ValueError, match='/camera/raw: nobody publishes it; --camera can be '
-                       f'{TOPIC}$'):
-        look_at_camera('/camera/raw', 3.0)
+    with pytest.raises(CameraError, match=f'^/camera/raw: .* {TOPIC}$') as caught:
+        inspect_camera('/camera/raw', 3.0)
+    assert caught.value.reason == 'nobody publishes'
 
 
 def test_camera_that_sends_nothing_is_named(camera, context):
     node = Node('driver', context=context)
     node.create_publisher(Image, TOPIC, RELIABLE)
-    with pytest.raises(ValueError, match=f'{TOPIC}: 0 of 2 frames came within 3 s from /driver'):
-        look_at_camera(TOPIC, 3.0)
+    with pytest.raises(CameraError, match=f'{TOPIC}: 0 .*/driver') as caught:
+        inspect_camera(TOPIC, 3.0)
+    assert caught.value.reason == 'too few frames'
     node.destroy_node()
 
 
-def test_trouble_is_said_once_and_its_end(capsys):
+def test_fault_is_printed_once_and_that_it_is_over(capsys):
     now_s = [0.0]
     watch = CameraWatch(clock=lambda: now_s[0])
+    health = Health()
 
-    def said(*messages, level=DiagnosticStatus.ERROR, after_s=1.0):
-        for message in messages:
+    def printed(*statuses, after_s=1.0):
+        """Return the lines that statuses print, each of lasting faults and a passing one."""
+        for lasting, passing in statuses:
             now_s[0] += after_s
-            watch.look(DiagnosticStatus(level=level, message=message))
-        return capsys.readouterr().err.split('bringup.py: ')[1:]
+            health.fault = passing
+            watch.update(health.status('/conditioner', lasting, {}))
+        return [line.partition(': ')[2] for line in capsys.readouterr().err.splitlines()]
 
-    away, mute = '/cam: nobody publishes it', '/cam: silent for {} s'
-    assert said(mute.format(11), mute.format(12)) == ['/cam: silent for 11 s\n']
-    assert said(away, f'{mute.format(14)}; {away}') == [f'{away}\n']
-    back = said('', '', level=DiagnosticStatus.OK)
-    assert back == ['frames come again\n']
-    assert said(away) == [f'{away}\n']
-    # A slow camera is all right between two late frames.
-    late = 'image_raw: stamp {} s is not after 1795658474.5; going on'
-    assert said(late.format(3), '', late.format(4.5), level=DiagnosticStatus.WARN) == [
-        'frames come again\n', f'{late.format(3)}\n']
-    assert said('/cam: 2 publishers: /a, /b; ' + late.format(5), level=DiagnosticStatus.WARN) == [
-        '/cam: 2 publishers: /a, /b\n']
-    assert said(late.format(5), level=DiagnosticStatus.WARN, after_s=30) == []
-    assert said(late.format(6), level=DiagnosticStatus.WARN, after_s=61) == [
-        f'{late.format(6)}\n']
+    away = Fault('/cam', 'no publisher', 'nobody publishes it')
+    silent = [Fault('/cam', 'silent', f'no message for {n} s') for n in range(20)]
+    assert printed(([silent[11]], None), ([silent[12]], None)) == [str(silent[11])]
+    assert printed(([away], None), ([silent[14], away], None)) == [str(away)]
+    back = printed(([], None), ([], None))
+    assert len(back) == 1
+    assert printed(([away], None)) == [str(away)]
+    # A slow camera has no fault between two late frames.
+    late = [Fault('image_raw', 'late stamp', f'stamp {n} s is not after 9 s') for n in range(7)]
+    assert printed(([], late[3]), ([], None), ([], late[4])) == [*back, str(late[3])]
+    two = Fault('/cam', 'several publishers', '2 publishers: /a, /b')
+    assert printed(([two], late[5])) == [str(two)]
+    assert printed(([], late[5])) == [*back, str(late[5])]
+    assert printed(([], late[4]), after_s=30.0) == []
+    assert printed(([], late[6]), after_s=61.0) == [str(late[6])]
+
+
+def test_change_of_state_is_printed_for_a_process_that_was_active(capsys):
+    watch = StateWatch()
+
+    def printed(process, *states):
+        """Return the state that each printed line names first."""
+        for state in states:
+            watch.update('cdt.tracker', '/cdt/tracker', process, state)
+        return [line.split()[3].strip(',') for line in capsys.readouterr().err.splitlines()]
+
+    starting = ('unconfigured', 'configuring', 'inactive', 'activating', 'active', 'active')
+    assert printed('7', *starting) == []
+    assert printed('7', 'deactivating', 'inactive', 'inactive') == ['inactive']
+    assert printed('7', 'cleaningup', 'unconfigured') == ['unconfigured']
+    assert printed('7', 'inactive', 'active') == ['inactive', 'active']
+    assert printed('8', *starting, 'inactive') == ['inactive']

@@ -1,4 +1,4 @@
-"""Who cannot be heard is named on both sides; time that goes back ends nothing."""
+"""Both ends of a connection that does not fit are named; time that goes back ends nothing."""
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
@@ -7,6 +7,13 @@ from diagnostic_msgs.msg import KeyValue
 from graph_runs import ROOT
 from lowsnr_common.core.timeline import SET_BACK_AFTER
 from lowsnr_common.ros import messages
+from lowsnr_common.ros.connections import OTHER_QOS
+from lowsnr_common.ros.connections import OTHER_TYPE
+from lowsnr_common.ros.connections import SEVERAL_PUBLISHERS
+from lowsnr_common.ros.diagnostics import faults_of
+from lowsnr_common.ros.inputs import NO_PUBLISHER
+from lowsnr_common.ros.inputs import SILENT
+from lowsnr_common.ros.managed_node import SET_BACK
 from lowsnr_common.ros.run_records import ChainCounts
 from lowsnr_common.ros.run_records import FrameScored
 from lowsnr_sensor.conditioner_node import ConditionerNode
@@ -49,15 +56,16 @@ def other(context):
 
 
 @pytest.fixture
-def said(tracker, other, spin):
-    """Return a function that waits for words in the tracker's status, and returns the status."""
+def status_with(tracker, other, spin):
+    """Return a function that waits for a status of the tracker with a fault, and returns it."""
     reports = []
     other.create_subscription(DiagnosticArray, '/diagnostics', reports.append, DEPTH)
 
-    def wait(*words, level=None):
+    def wait(fault='', *names, level=None):
         def found():
             return [status for report in reports for status in report.status
-                    if all(word in status.message for word in words)
+                    if (not fault or fault in faults_of(status))
+                    and all(name in faults_of(status)[fault] for name in names)
                     and level in (None, status.level)]
         spin(found, tracker, other)
         return found()[-1]
@@ -65,40 +73,44 @@ def said(tracker, other, spin):
     return wait
 
 
-def test_best_effort_publisher_is_named_with_the_policy(other, said):
+def test_best_effort_publisher_is_named_with_the_policy(other, status_with):
     other.create_publisher(Detection2DArray, 'detections', qos_profile_sensor_data)
-    said('/detections: not heard is /other', 'Best effort publisher and reliable subscription',
-         level=DiagnosticStatus.ERROR)
+    # The middleware names the policy.
+    status_with(f'/detections {OTHER_QOS}', '/other', 'Best effort publisher',
+                level=DiagnosticStatus.ERROR)
 
 
-def test_reader_that_cannot_be_reached_is_named_with_the_policy(other, said):
+def test_reader_that_does_not_fit_is_named_with_the_policy(other, status_with):
     lasting = QoSProfile(depth=5, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     other.create_subscription(Detection2DArray, 'tracks', print, lasting)
-    said('/tracks: not reached is /other', 'transient local subscription',
-         level=DiagnosticStatus.ERROR)
+    status_with(f'/tracks {OTHER_QOS}', '/other', 'transient local subscription',
+                level=DiagnosticStatus.ERROR)
 
 
-def test_publisher_of_another_type_is_named(said):
+def test_publisher_of_another_type_is_named(status_with):
     with spun_node('stranger') as (stranger, _):
         stranger.create_publisher(Odometry, 'detections', DEPTH)
-        said('/detections: not heard is /stranger, which publishes nav_msgs/msg/Odometry, '
-             'not vision_msgs/msg/Detection2DArray', level=DiagnosticStatus.ERROR)
+        status_with(
+            f'/detections {OTHER_TYPE}', '/stranger', 'nav_msgs/msg/Odometry',
+            'vision_msgs/msg/Detection2DArray', level=DiagnosticStatus.ERROR)
 
 
-def test_two_publishers_are_named_and_forgotten_when_one_is_gone(other, said, context):
+def test_two_publishers_are_named_and_forgotten_when_one_is_gone(other, status_with, context):
     second = Node('second', context=context)
     publishers = [
         node.create_publisher(Detection2DArray, 'detections', DEPTH) for node in (other, second)]
-    said('/detections: 2 publishers: /other, /second', level=DiagnosticStatus.ERROR)
+    status_with(f'/detections {SEVERAL_PUBLISHERS}', '/other', '/second',
+                level=DiagnosticStatus.ERROR)
     second.destroy_publisher(publishers[1])
     second.destroy_node()
-    said('/detections: silent for', level=DiagnosticStatus.ERROR)
+    alone = status_with(f'/detections {SILENT}', level=DiagnosticStatus.ERROR)
+    assert f'/detections {SEVERAL_PUBLISHERS}' not in faults_of(alone)
     other.destroy_publisher(publishers[0])
-    said('/detections: nobody publishes it', level=DiagnosticStatus.ERROR)
+    status_with(f'/detections {NO_PUBLISHER}', level=DiagnosticStatus.ERROR)
 
 
-def test_status_has_counters_state_and_process_and_comes_at_once(other, tracker, said):
-    values = {item.key: item.value for item in said().values}
+def test_status_has_counters_state_and_process_and_comes_at_once(other, tracker, status_with):
+    values = {item.key: item.value for item in status_with().values}
     assert {'in', 'out', 'refused', 'late', 'lost'} <= set(values)
     assert values['state'] == 'active'
     assert int(values['process']) > 0
@@ -113,7 +125,8 @@ def array(stamp_s):
     return Detection2DArray(header=Header(stamp=messages.stamp_from_seconds(stamp_s)))
 
 
-def test_clock_set_back_is_said_once_and_the_node_goes_on(other, tracker, said, spin):
+def test_clock_set_back_is_reported_once_and_the_node_continues(
+        other, tracker, status_with, spin):
     answers = []
     other.create_subscription(Detection2DArray, 'tracks', answers.append, DEPTH)
     publisher = other.create_publisher(Detection2DArray, 'detections', DEPTH)
@@ -124,13 +137,13 @@ def test_clock_set_back_is_said_once_and_the_node_goes_on(other, tracker, said, 
     answered = [*range(101, 106), *range(SET_BACK_AFTER, 31)]
     spin(lambda: len(answers) == len(answered))
     assert [message.header.stamp.sec for message in answers] == answered
-    status = said('detections: its clock was set back from 105 s to 10 s')
+    status = status_with(f'detections {SET_BACK}', ' 105 s ', ' 10 s')
     values = {item.key: item.value for item in status.values}
     assert (values['set back'], values['late'], values['out']) == (
         '1', str(SET_BACK_AFTER - 1), str(len(answered)))
 
 
-def test_array_of_too_many_entries_is_answered(other, tracker, said, spin):
+def test_array_of_too_many_entries_is_answered(other, tracker, status_with, spin):
     answers = []
     other.create_subscription(Detection2DArray, 'tracks', answers.append, DEPTH)
     publisher = other.create_publisher(Detection2DArray, 'detections', DEPTH)
@@ -140,11 +153,11 @@ def test_array_of_too_many_entries_is_answered(other, tracker, said, spin):
     flood.detections = [Detection2D()] * 10_001
     publisher.publish(flood)
     spin(lambda: len(answers) == 1)
-    status = said('detections: 10001 entries, at most 10000')
+    status = status_with('detections too many entries', '10001')
     assert ('detections too many entries', '1') in [(v.key, v.value) for v in status.values]
 
 
-def test_best_effort_camera_that_comes_late_is_heard(context, other, spin):
+def test_frames_of_a_best_effort_camera_that_comes_late_are_received(context, other, spin):
     node = ConditionerNode(context=context, parameter_overrides=[
         Parameter('truth', value=False)])
     node.autostart()

@@ -1,4 +1,4 @@
-"""Asked for any transition at any time, a node makes it or refuses it, and lives on."""
+"""A node makes or rejects any requested transition and lives on, except after a shutdown."""
 
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
@@ -17,14 +17,14 @@ def change(client, transition):
     return client.call(ChangeState, 'change_state', request).success
 
 
-def test_what_the_state_does_not_allow_is_refused(started):
+def test_transition_that_the_state_does_not_allow_is_rejected(started):
     client = started(TrackerNode)
     for transition in (CONFIGURE, ACTIVATE, CLEANUP, 99):
         assert not change(client, transition)
     assert len(client.follow((3.0, 3.0))) == 0  # answered; one detection confirms no track
 
 
-def test_node_can_be_configured_anew(started):
+def test_node_can_be_configured_again(started):
     client = started(TrackerNode)
     client.follow((3.0, 3.0))
     for transition in (DEACTIVATE, CLEANUP, CONFIGURE, ACTIVATE) * 2:
@@ -37,7 +37,7 @@ def test_node_can_be_configured_anew(started):
 
 
 @pytest.mark.parametrize('lives', [0, 1])
-def test_why_a_node_is_not_configured_is_said(context, log, tmp_path, lives):
+def test_reason_why_a_node_is_not_configured_is_logged(context, log, tmp_path, lives):
     (tmp_path / 'frames.csv').write_text('1,2,3\n1,2,3\n')
     values = {'results': str(tmp_path), 'lives': lives}
     node = EvaluatorNode(context=context, parameter_overrides=[

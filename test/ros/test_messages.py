@@ -117,23 +117,24 @@ def test_sound_array_is_read_as_any_other():
 
 
 @pytest.mark.parametrize(('message', 'reason', 'said'), [
-    (entries((1, 2), (np.nan, 2)), 'no place', r'is at \(nan, 2\) m'),
-    (entries((1, np.inf)), 'no place', r'is at \(1, inf\) m'),
-    (entries((1e300, 2)), 'no place', r"entry '' is at \(1e\+300, 2\) m"),
-    (entries((1, 2), (3, 4), ids=['a', 'a']), 'id of two entries', "the id 'a'"),
-    (entries((1, 2), ids=['x' * 10**6]), 'id too long', 'has 1000000 letters, at most 255'),
+    (entries((1, 2), (np.nan, 2)), 'no place', r'\(nan, 2\) m'),
+    (entries((1, np.inf)), 'no place', r'\(1, inf\) m'),
+    (entries((1e300, 2)), 'no place', r'\(1e\+300, 2\) m'),
+    (entries((1, 2), (3, 4), ids=['a', 'a']), 'id of two entries', "'a'"),
+    (entries((1, 2), ids=['x' * 10**6]), 'id too long', '1000000 .* 255'),
 ])
-def test_array_that_cannot_be_believed_is_refused(message, reason, said):
+def test_array_with_impossible_values_is_rejected_with_its_reason(message, reason, said):
     with pytest.raises(Malformed, match=said) as caught:
         messages.array_to_sound_estimates(message, CELL)
     assert caught.value.reason == reason
     assert len(str(caught.value)) < 100
 
 
-def test_more_than_ten_thousand_entries_are_refused():
+def test_more_than_ten_thousand_entries_are_rejected():
     message = Detection2DArray(detections=[Detection2D()] * 10_001)
-    with pytest.raises(Malformed, match='10001 entries, at most 10000'):
+    with pytest.raises(Malformed, match='10001') as caught:
         messages.array_to_estimates(message, CELL)
+    assert caught.value.reason == 'too many entries'
     message.detections = message.detections[1:]
     assert len(messages.array_to_estimates(message, CELL)) == 10_000
 
@@ -141,7 +142,7 @@ def test_more_than_ten_thousand_entries_are_refused():
 @pytest.mark.parametrize(('state', 'reason'), [
     ((np.nan, 0, 0, 0), 'no place'), ((0, 0, -np.inf, 0), 'no place'),
     ((0, np.inf, 0, 0), 'no velocity'), ((0, 0, 0, -1e300), 'no velocity')])
-def test_odometry_that_cannot_be_believed_is_refused(state, reason):
+def test_odometry_with_impossible_values_is_rejected_with_its_reason(state, reason):
     message = messages.estimate_to_odometry(
         Estimate(np.array(state, dtype=float), np.eye(4), 1.0, 'a'), Header())
     with pytest.raises(Malformed) as caught:

@@ -66,7 +66,7 @@ def counts(reports):
     values = [status.values for report in reports for status in report.status][-1:]
     return {
         item.key: int(item.value) for items in values for item in items
-        if not item.key.endswith('[ms]') and item.key not in ('state', 'process')}
+        if item.value.isdigit() and item.key != 'process'}
 
 
 def array(stamp_s, *places, score=0.9):

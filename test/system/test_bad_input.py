@@ -1,5 +1,6 @@
 """A run that cannot start ends with code 2 and one line that names the culprit and a remedy."""
 
+import os
 import sys
 
 import bringup
@@ -16,8 +17,7 @@ SCENARIO = 'objects: [{id: a, first_frame: 1, last_frame: 9, start: {x_m: 3.0, y
 @pytest.fixture
 def refusal(monkeypatch, capsys, tmp_path):
     """Return a function that gives ``bringup.py`` arguments and returns its only line."""
-    for name in ('PYTHONPATH', 'AMENT_PREFIX_PATH'):  # the command adds to them
-        monkeypatch.setenv(name, '')
+    before = dict(os.environ)  # the command adds to it
     monkeypatch.setenv('ROS_DOMAIN_ID', str(own_domain()))
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 
@@ -33,7 +33,9 @@ def refusal(monkeypatch, capsys, tmp_path):
         assert not (tmp_path / 'run').exists()
         return err
 
-    return run
+    yield run
+    os.environ.clear()
+    os.environ.update(before)
 
 
 BAD_OPTIONS = [

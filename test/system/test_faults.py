@@ -1,14 +1,19 @@
 """Nodes that die, Ctrl-C, and a bring-up that is gone: nothing is left, nothing is lost."""
 
 import os
+from pathlib import Path
 import signal
 import subprocess
 import sys
 import time
 
+from graph_client import GraphClient
 from graph_runs import own_domain
 from graph_runs import ROOT
 from graph_runs import start_bringup
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+import psutil
 import pytest
 
 FRAMES_BEFORE = 10
@@ -94,3 +99,85 @@ def test_nodes_end_when_bringup_is_killed(running):
     assert len(running.nodes()) == 4
     running.process.kill()
     running.wait_until_none_is_left(within_s=120.0)
+
+
+def lifecycle(client, node, transition):
+    """Ask a node for a transition as ``ros2 lifecycle set`` does; return whether it was made."""
+    request = ChangeState.Request(transition=Transition(id=transition))
+    return client.call(ChangeState, f'{node}/change_state', request).success
+
+
+def shut_down(run, name):
+    """Ask a node for its shutdown and wait until its process is gone."""
+    request = ChangeState.Request(
+        transition=Transition(id=Transition.TRANSITION_ACTIVE_SHUTDOWN))
+    with GraphClient(own_domain(), topics=()) as client:
+        service = client.node.create_client(ChangeState, f'/{name}/change_state')
+        client.wait(service.service_is_ready)
+        for _ in range(12):  # a request is lost where the node has not discovered the client yet
+            service.call_async(request)
+            if client.comes(lambda: f'{name}_node' not in run.nodes(), 5.0):
+                return
+    raise AssertionError(f'{name} did not end')
+
+
+@pytest.mark.parametrize('respawn', ['--respawn', '--no-respawn'])
+def test_a_node_that_is_shut_down_ends_and_is_not_started_again(bringup, respawn):
+    run = bringup('--detector', 'cdt', '--loop', respawn, '--rate', '50')
+    run.wait_for_rows(2 * FRAMES_BEFORE)
+    tracker = run.nodes()['tracker_node']
+    shut_down(run, 'tracker')
+    code, _, err = run.finish()
+    assert code == 1
+    assert not Path(f'/proc/{tracker}').exists()
+    report, = [line for line in err.splitlines() if 'tracker was ' in line]
+    assert 'lifecycle' in report
+    assert run.restarts() == []
+    run.wait_until_none_is_left()
+    assert len(run.rows()) >= 2 * FRAMES_BEFORE
+
+
+def test_a_viewer_that_is_shut_down_leaves_the_run_alone(bringup):
+    run = bringup('--detector', 'cdt', '--loop', '--view', '--rate', '50')
+    run.wait_for_rows(2 * FRAMES_BEFORE)
+    shut_down(run, 'viewer')
+    run.wait_for_rows(len(run.rows()) + 2 * FRAMES_BEFORE)
+    run.process.send_signal(signal.SIGINT)
+    code, _, err = run.finish()
+    assert code == 130
+    assert run.restarts() == []
+    assert any('viewer was ' in line and 'lifecycle' in line for line in err.splitlines())
+
+
+def test_a_node_that_an_operator_deactivates_is_named(bringup):
+    run = bringup('--detector', 'cdt', '--loop', '--rate', '50')
+    run.wait_for_rows(2 * FRAMES_BEFORE)
+    with GraphClient(own_domain(), topics=()) as client:
+        for transition, state in (
+                (Transition.TRANSITION_DEACTIVATE, 'inactive'),
+                (Transition.TRANSITION_ACTIVATE, 'active')):
+            assert lifecycle(client, '/tracker', transition)
+            client.wait(lambda state=state: client.counts('/tracker').get('state') == state)
+    answered = len(run.rows())
+    run.wait_for_rows(answered + 4 * FRAMES_BEFORE)
+    run.process.send_signal(signal.SIGINT)
+    code, _, err = run.finish()
+    assert code == 130
+    said = [line for line in err.splitlines() if line.startswith('bringup.py: tracker is ')]
+    assert [line.split()[3].strip(',') for line in said] == ['inactive', 'active']
+    assert not [line for line in err.splitlines() if 'evaluator is ' in line]
+
+
+def test_run_outlives_the_process_that_forks_its_nodes(bringup):
+    run = bringup('--detector', 'cdt', '--loop', '--lockstep')
+    run.wait_for_rows(2 * FRAMES_BEFORE)
+    server, = (child for child in psutil.Process(run.process.pid).children()
+               if 'lowsnr_bringup.run.node_server' in child.cmdline())
+    server.kill()
+    run.wait_for_rows(len(run.rows()) + 2 * FRAMES_BEFORE)
+    run.kill('tracker_node')
+    run.wait_for_restarts(1)
+    run.wait_for_rows(len(run.rows()) + 2 * FRAMES_BEFORE)
+    run.process.send_signal(signal.SIGINT)
+    assert run.finish()[0] == 130
+    run.wait_until_none_is_left()

@@ -16,7 +16,7 @@ from lowsnr_common.ros import messages
 from lowsnr_common.ros.connections import wait_for_readers
 from lowsnr_common.ros.lockstep import Lockstep
 from lowsnr_common.ros.managed_node import ManagedNode
-from lowsnr_common.ros.managed_node import run
+from lowsnr_common.ros.node_main import run
 from lowsnr_common.ros.parameters import declare
 from lowsnr_common.ros.qos import frame_depth
 from lowsnr_common.ros.qos import reliable
@@ -133,7 +133,7 @@ class PlayerNode(ManagedNode):
         try:
             entries = messages.array_to_estimates(array, self.playing.cell_size_m)
         except Malformed as error:
-            self.refuse(f'{self.playing.truth_topic}: {error}')
+            self.reject(self.playing.truth_topic, error.reason, str(error))
             return []
         return [messages.estimate_to_odometry(item, array.header) for item in entries if item.id]
 

@@ -21,7 +21,7 @@ from lowsnr_bringup.ros.recorded_topic import message_class
 from lowsnr_bringup.ros.recorded_topic import offered_qos
 from lowsnr_bringup.ros.recorded_topic import RecordedTopic
 from lowsnr_common.ros.managed_node import ManagedNode
-from lowsnr_common.ros.managed_node import run
+from lowsnr_common.ros.node_main import run
 from lowsnr_common.ros.parameters import declare
 from lowsnr_common.ros.qos import frame_depth
 from lowsnr_common.settings.node_settings import RecorderSettings
@@ -144,7 +144,7 @@ class RecorderNode(ManagedNode):
                 name, msgtype, [offered_qos(item.qos_profile) for item in publishers])
         except (ImportError, AttributeError, ValueError) as error:
             self._rejected.add(name)
-            self.refuse(f'{name} is not recorded: {error}')
+            self.reject(name, 'not recorded', f'not recorded: {error}')
             return
         earlier = (self.settings.live or name in _EARLIER  # a camera publishes before the run
                    or name.endswith('/transition_event'))

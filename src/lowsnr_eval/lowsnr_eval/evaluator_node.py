@@ -12,7 +12,7 @@ from lowsnr_common.core.records import Malformed
 from lowsnr_common.ros import messages
 from lowsnr_common.ros import run_records
 from lowsnr_common.ros.managed_node import ManagedNode
-from lowsnr_common.ros.managed_node import run
+from lowsnr_common.ros.node_main import run
 from lowsnr_common.ros.parameters import declare
 from lowsnr_common.ros.qos import any_reliability
 from lowsnr_common.ros.qos import reliable
@@ -49,7 +49,8 @@ class EvaluatorNode(ManagedNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Open the results and subscribe to truth and answers."""
         self._scorer = RunScorer(
-            self.run, self.evaluation, self.refuse,
+            self.run, self.evaluation,
+            lambda text, reason: self.reject('frame', reason, text),
             resumed=self._begun or self.settings.lives > 0)
         self._begun = True
         depth = reliable(self.settings.queue_depth)

@@ -9,7 +9,7 @@ from typing import Any
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.ros import messages
 from lowsnr_common.ros.managed_node import ManagedNode
-from lowsnr_common.ros.managed_node import run
+from lowsnr_common.ros.node_main import run
 from lowsnr_common.ros.parameters import declare
 from lowsnr_common.ros.qos import any_reliability
 from lowsnr_common.ros.qos import reliable

@@ -11,7 +11,7 @@ from lowsnr_common.core.records import Malformed
 from lowsnr_common.ros import messages
 from lowsnr_common.ros.images import image_to_array
 from lowsnr_common.ros.managed_node import ManagedNode
-from lowsnr_common.ros.managed_node import run
+from lowsnr_common.ros.node_main import run
 from lowsnr_common.ros.parameters import declare
 from lowsnr_common.ros.qos import any_reliability
 from lowsnr_common.ros.qos import frame_depth
@@ -74,11 +74,11 @@ class ConditionerNode(ManagedNode):
             before = self._conditioner_state or self.conditioning.init(frame.shape)
             self._conditioner_state, cells = self.conditioning.step(before, frame)
         except Malformed as error:
-            reason = f'image_raw {error.reason}'
             if self._conditioner_state is None:
-                self.refuse(f'image_raw: {error}; frame rejected', reason)
+                self.reject('image_raw', error.reason, f'{error}; frame rejected')
                 return
-            self.refuse(f'image_raw: {error}; frame rejected, published as zeros', reason)
+            self.reject(
+                'image_raw', error.reason, f'{error}; frame rejected, published as zeros')
             cells = np.zeros(
                 self.conditioning.size(self._conditioner_state.history.shape[-2:]))
         self._image.publish(messages.frame_to_image(cells, image.header))

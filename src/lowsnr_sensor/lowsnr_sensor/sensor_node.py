@@ -13,7 +13,7 @@ from lowsnr_common.ros import messages
 from lowsnr_common.ros.connections import wait_for_readers
 from lowsnr_common.ros.lockstep import Lockstep
 from lowsnr_common.ros.managed_node import ManagedNode
-from lowsnr_common.ros.managed_node import run
+from lowsnr_common.ros.node_main import run
 from lowsnr_common.ros.parameters import declare
 from lowsnr_common.ros.qos import frame_depth
 from lowsnr_common.ros.qos import reliable

@@ -10,7 +10,7 @@ from lowsnr_common.core.records import Malformed
 from lowsnr_common.core.streams import stream
 from lowsnr_common.ros import messages
 from lowsnr_common.ros.managed_node import ManagedNode
-from lowsnr_common.ros.managed_node import run
+from lowsnr_common.ros.node_main import run
 from lowsnr_common.ros.parameters import declare
 from lowsnr_common.ros.qos import reliable
 from lowsnr_track.pda_mmpf import PdaMmpf
@@ -66,8 +66,7 @@ class TrackerNode(ManagedNode):
         self._tracker_state, output = self.tracker.step(
             self._tracker_state, self._estimates(message), stamp_s, self._rng)
         for reason, number in output.rejected.items():
-            self.counts[f'detections {reason}'] += number
-            self.refuse(f'detections: {number} rejected, {reason}')
+            self.reject('detections', reason, f'{number} rejected, {reason}', number)
         self._publish(output.confirmed, output.tentative, message.header)
 
     def _estimates(self, message: Detection2DArray) -> list[Estimate]:
@@ -75,8 +74,7 @@ class TrackerNode(ManagedNode):
         try:
             return messages.array_to_estimates(message, self.tracker.sensor.cell_size_m)
         except Malformed as error:
-            self.refuse(
-                f'detections: {error}; treated as an empty array', f'detections {error.reason}')
+            self.reject('detections', error.reason, f'{error}; treated as an empty array')
             return []
 
     def _publish(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from collections.abc import Iterable
+from contextlib import ExitStack
 import time
 from typing import Any
 
@@ -13,8 +14,9 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from lifecycle_msgs.srv import GetState
-from lowsnr_bringup.plan.graph import MANAGER
 from lowsnr_bringup.plan.graph import Node as GraphNode
+from lowsnr_bringup.ros.bringup_node import bringup_node
+from lowsnr_bringup.ros.node_watch import StateWatch
 from lowsnr_bringup.ros.transition import PendingTransition
 from lowsnr_common.core.records import Malformed
 from lowsnr_common.core.timeline import StampOrder
@@ -27,12 +29,9 @@ from lowsnr_common.ros.run_records import NodeRestarted
 from lowsnr_common.ros.run_records import RESTARTS
 from lowsnr_common.ros.run_records import SCORED
 from rcl_interfaces.msg import ParameterEvent
-import rclpy
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import qos_profile_parameter_events
-from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 
 CONFIGURE = Transition.TRANSITION_CONFIGURE
@@ -54,7 +53,7 @@ class Manager:
     nodes
         The nodes of the run.
     check
-        Called again and again while waiting; raises to end the wait.
+        Called repeatedly while waiting; raises to end the wait.
     on_scored
         Called with the number of the frame, and the totals of detections and tracks, for each
         frame that the evaluator has scored.
@@ -67,12 +66,10 @@ class Manager:
     ) -> None:
         self._check, self._on_scored = check, on_scored
         self.scored = self._detections = self._tracks = 0
-        self._context = rclpy.Context()
-        rclpy.init(
-            args=['--ros-args', '--enclave', f'/{MANAGER}'], context=self._context,
-            signal_handler_options=SignalHandlerOptions.NO)
-        self._node = Node(MANAGER, context=self._context, use_global_arguments=False)
-        self._executor = SingleThreadedExecutor(context=self._context)
+        self._within = ExitStack()
+        self._node = self._within.enter_context(bringup_node())
+        self._executor = SingleThreadedExecutor(context=self._node.context)
+        self._within.callback(self._executor.shutdown)
         self._executor.add_node(self._node)
         self._services = {
             node: (self._node.create_client(ChangeState, f'{node.path}/change_state'),
@@ -83,12 +80,13 @@ class Manager:
         self.published, self.newest_ns, self._timeline = 0, -1, Timeline()
         self.restarted: Counter[str] = Counter()
         self._followed = [self._scored]
-        if any(node.source for node in self._services):  # else a clock is somebody else's
+        if any(node.source for node in self._services):  # otherwise a clock is not of this run
             self._followed.append(self._node.create_subscription(
                 Clock, 'clock', self._on_clock, reliable(10_000)))
-        self._paths = {node.path for node in nodes}
+        self._labels = {node.path: node.label for node in nodes}
         self._active: dict[str, str] = {}  # process by node
         self.statuses: dict[str, DiagnosticStatus] = {}  # the newest of each active node
+        self._state_watch: StateWatch | None = StateWatch()
         self._node.create_subscription(
             DiagnosticArray, '/diagnostics', self._on_diagnostics, reliable(100))
         self._changed: dict[str, dict[str, Any]] = {}  # parameters set while it ran, by node
@@ -96,19 +94,21 @@ class Manager:
             ParameterEvent, '/parameter_events', self._on_parameters, qos_profile_parameter_events)
         self._restarts = self._node.create_publisher(DiagnosticArray, RESTARTS, reliable(100))
 
+    def expect_changes(self) -> None:
+        """Print no more changes of state: from here on bring-up asks for them."""
+        self._state_watch = None
+
     def close(self) -> None:
         """Leave ROS."""
-        self._executor.shutdown()
-        self._node.destroy_node()
-        self._context.try_shutdown()
+        self._within.close()
 
     def wait_for_evaluator(self) -> None:
-        """Wait until the evaluator's word of scored frames reaches this manager."""
+        """Wait until this manager and the evaluator have discovered each other."""
         until = time.monotonic() + _EVALUATOR_WITHIN_S
         while not self._scored.get_publisher_count():
             if time.monotonic() > until:
                 raise GraphFailure(
-                    f'the evaluator was not heard of within {_EVALUATOR_WITHIN_S:g} s')
+                    f'the evaluator was not discovered within {_EVALUATOR_WITHIN_S:g} s')
             self.spin(0.01)
 
     def spin(self, seconds: float) -> None:
@@ -131,7 +131,7 @@ class Manager:
         while waiting:
             for node, pending in list(waiting.items()):
                 if (made := pending.poll()) is False:
-                    raise GraphFailure(f'{node.label} refused to change its state')
+                    raise GraphFailure(f'{node.label} rejected a change of its state')
                 if made:
                     del waiting[node]
             if waiting and time.monotonic() > until:
@@ -141,16 +141,16 @@ class Manager:
                 self.spin(0.02)
 
     def is_active(self, node: GraphNode, process: int) -> bool:
-        """Return whether a process of a node has said that it is active."""
+        """Return whether a process of a node has reported that it is active."""
         return self._active.get(node.path) == str(process)
 
     def changed(self, node: GraphNode) -> dict[str, Any]:
-        """Return the parameters of a node that were set while it ran, up to the last."""
+        """Return the parameters of a node that were set while it ran, with their last values."""
         drain(self._parameters)
         return self._changed.get(node.path, {})
 
     def catch_up(self) -> None:
-        """Take all that has come of frames sent and scored."""
+        """Take all waiting messages about published and scored frames."""
         for subscription in self._followed:
             drain(subscription)
 
@@ -176,7 +176,7 @@ class Manager:
             self.newest_ns = stamp
 
     def _on_parameters(self, event: ParameterEvent) -> None:
-        if event.node in self._paths:
+        if event.node in self._labels:
             self._changed.setdefault(event.node, {}).update(
                 {item.name: parameter_value_to_python(item.value)
                  for item in event.changed_parameters})
@@ -184,6 +184,11 @@ class Manager:
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             values = {item.key: item.value for item in status.values}
-            if status.name in self._paths and values.get('state') == 'active':
-                self._active[status.name] = values.get('process', '')
+            if (label := self._labels.get(status.name)) is None:
+                continue
+            process, state = values.get('process', ''), values.get('state', '')
+            if state == 'active':
+                self._active[status.name] = process
                 self.statuses[status.name] = status
+            if self._state_watch:
+                self._state_watch.update(label, status.name, process, state)

@@ -1,36 +1,76 @@
-"""Starts nodes again that died in a run, and tells everybody who waits for them."""
+"""Restart of the nodes that die in a run."""
 
 from __future__ import annotations
 
+from collections import deque
 import csv
 from dataclasses import dataclass
 from dataclasses import field
 from pathlib import Path
-import sys
 import time
 
 from lowsnr_bringup.plan.graph import Node
 from lowsnr_bringup.ros.manager import Manager
 from lowsnr_bringup.run.processes import NodeProcess
+from lowsnr_bringup.run.processes import notify
 from lowsnr_bringup.run.processes import ProcessGroup
-from lowsnr_bringup.run.respawn_policy import Deaths
-from lowsnr_bringup.run.respawn_policy import RespawnPolicy
 from lowsnr_bringup.run.results_folder import RESTARTS_FILE
 from lowsnr_bringup.run.shared_memory import clear_leftovers
-from tqdm import tqdm
+from lowsnr_common.core.process_setup import SHUT_DOWN
+from lowsnr_common.core.process_setup import USAGE_ERROR
 
 _COLUMNS = ('frame', 'node', 'death', 'down_s')
 # A start may have to calibrate.
 _ACTIVE_WITHIN_S = 600.0
 _AGAIN_AFTER_S = 5.0
-_USAGE_ERROR = 2
-# Of what a node ends itself with, what it would end with again; a recorder on a full disk does.
-_FINAL = {'recorder': (_USAGE_ERROR, 1)}
+# Exit statuses after which a node is not started again: it would end the same way, or an
+# operator has shut it down.  A recorder ends with 1 when the disk is full.
+_FINAL = (USAGE_ERROR, SHUT_DOWN)
+_FINAL_OF = {'recorder': (*_FINAL, 1)}
+
+
+@dataclass(frozen=True)
+class RespawnPolicy:
+    """
+    How often, and after what wait, a node that died is started again.
+
+    Bring-up starts a node again after the first death within ``window_s`` at once, after the
+    second in ``wait_s``, after each further one in twice the wait before, and gives the node up
+    after more than ``most``.
+    """
+
+    most: int = 5
+    window_s: float = 60.0
+    wait_s: float = 0.5
+
+
+@dataclass
+class Deaths:
+    """The deaths of one node."""
+
+    policy: RespawnPolicy
+    count: int = 0
+    _recent: deque[float] = field(default_factory=deque)
+
+    def add(self, now_s: float) -> float | None:
+        """Count a death; return how long to wait [s], or None if the node is given up."""
+        self.count += 1
+        while self._recent and now_s - self._recent[0] > self.policy.window_s:
+            self._recent.popleft()
+        self._recent.append(now_s)
+        recent = len(self._recent)
+        if recent > self.policy.most:
+            return None
+        return 0.0 if recent == 1 else self.policy.wait_s * 2.0 ** (recent - 2)
 
 
 @dataclass
 class _Case:
-    """A node that died: how, at which frame, when [s], and its new process if started."""
+    """
+    A node that died: how, at which frame and when [s].
+
+    ``start_s`` is when it is due to start, ``process`` its new process if that has started.
+    """
 
     death: str
     frame: int
@@ -43,16 +83,16 @@ class _Case:
 @dataclass
 class Respawner:
     """
-    Brings nodes back that died.
+    Starts nodes again that died, and announces them once they are active.
 
     Parameters
     ----------
     group, manager
-        The processes, and who hears of them.
+        The processes, and the manager that announces them.
     folder
         Results folder, whose ``restarts.csv`` gets a line for each restart.
     files
-        Texts of the files that a node needs at its start, written again where they are gone.
+        Texts of the files that a node needs at its start; a file that is gone is written again.
 
     """
 
@@ -66,30 +106,31 @@ class Respawner:
 
     @property
     def away(self) -> set[Node]:
-        """Return the nodes that are on their way back."""
+        """Return the nodes that have died and are not active again yet."""
         return set(self._cases)
 
-    def took(self, member: NodeProcess) -> bool:
-        """Take on a dead member; False where it is not to be started again."""
+    def schedule(self, member: NodeProcess) -> bool:
+        """Schedule the restart of a dead member; return False if it stays dead."""
         node, now_s = member.node, time.monotonic()
         if node in self._cases and self._cases[node].process is not member:
-            return True  # waits for its start
+            return True  # it is scheduled
         self.manager.catch_up()
         deaths = self._deaths.setdefault(node, Deaths(self.policy))
         wait_s = deaths.add(now_s)
-        if wait_s is None or member.process.returncode in _FINAL.get(node.name, (_USAGE_ERROR,)):
+        if wait_s is None or member.process.returncode in _FINAL_OF.get(node.name, _FINAL):
             self._cases.pop(node, None)
             return False
         clear_leftovers()
         first = self._cases.get(node)
         died_s = first.died_s if first else now_s
         self._cases[node] = _Case(member.death(), self.manager.scored, died_s, now_s + wait_s)
-        tell(f'{node.label} {member.death()} at frame {self.manager.scored}; '
-             f'it is started again (restart {deaths.count})')
+        notify(
+            f'{node.label} {member.death()} at frame {self.manager.scored}; '
+            f'bring-up starts it again (restart {deaths.count})')
         return True
 
-    def look(self) -> None:
-        """Start what is due, and say who is back."""
+    def update(self) -> None:
+        """Start the nodes that are due, and announce those that are active again."""
         for node, case in list(self._cases.items()):
             now_s = time.monotonic()
             if case.process is None and now_s >= case.start_s:
@@ -98,12 +139,12 @@ class Respawner:
                 continue
             elif self.manager.is_active(node, case.process.process.pid):
                 del self._cases[node]
-                self._back(node, case, now_s)
+                self._announce(node, case, now_s)
             elif now_s - case.started_s > _ACTIVE_WITHIN_S:
                 case.process.process.kill()
 
     def _start(self, node: Node, case: _Case) -> None:
-        """Start a node again, or try later where the disk or the machine has no room."""
+        """Start a node again, or try later if the disk or the machine has no room."""
         own: dict[str, object] = {
             **self.manager.changed(node),
             'autostart': True, 'lives': self._deaths[node].count}
@@ -118,13 +159,15 @@ class Respawner:
             case.started_s = time.monotonic()
         except OSError as error:
             case.start_s += _AGAIN_AFTER_S
-            tell(f'{node.label} cannot be started: {error.strerror}: {error.filename}; '
-                 f'trying again in {_AGAIN_AFTER_S:g} s')
+            notify(
+                f'{node.label} cannot be started: {error.strerror}: {error.filename}; '
+                f'trying again in {_AGAIN_AFTER_S:g} s')
 
-    def _back(self, node: Node, case: _Case, now_s: float) -> None:
+    def _announce(self, node: Node, case: _Case, now_s: float) -> None:
+        """Publish, print and write down that a node is active again."""
         self.manager.announce(node, case.death, now_s - case.started_s)
         down_s = now_s - case.died_s
-        tell(f'{node.label} is back after {down_s:.1f} s')
+        notify(f'{node.label} is back after {down_s:.1f} s')
         path = self.folder / RESTARTS_FILE
         try:
             fresh = not path.exists()
@@ -133,9 +176,4 @@ class Respawner:
                 table.writerows([_COLUMNS] * fresh)
                 table.writerow([case.frame, node.label, case.death, f'{down_s:.3f}'])
         except OSError as error:
-            tell(f'{path}: cannot be written: {error.strerror}')
-
-
-def tell(text: str) -> None:
-    """Say something beside the progress bar."""
-    tqdm.write(f'bringup.py: {text}', file=sys.stderr)
+            notify(f'{path}: cannot be written: {error.strerror}')

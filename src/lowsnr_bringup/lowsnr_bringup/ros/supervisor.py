@@ -1,4 +1,4 @@
-"""One run of a graph: start, activate consumers first, follow, and end in order."""
+"""One run of a graph: start the nodes, activate consumers first, follow, end in order."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ from collections.abc import Sequence
 import os
 from pathlib import Path
 import signal
-import sys
 import time
 from typing import Any
 
 from lowsnr_bringup.plan.graph import Node
-from lowsnr_bringup.ros.camera_watch import CameraWatch
 from lowsnr_bringup.ros.manager import ACTIVATE
 from lowsnr_bringup.ros.manager import CONFIGURE
 from lowsnr_bringup.ros.manager import DEACTIVATE
 from lowsnr_bringup.ros.manager import GraphFailure
 from lowsnr_bringup.ros.manager import Manager
+from lowsnr_bringup.ros.node_watch import CameraWatch
 from lowsnr_bringup.ros.respawner import Respawner
+from lowsnr_bringup.run.forked_nodes import NodeServer
 from lowsnr_bringup.run.middleware import PROFILE_FILE
-from lowsnr_bringup.run.node_server import NodeServer
 from lowsnr_bringup.run.processes import NodeProcess
+from lowsnr_bringup.run.processes import notify
 from lowsnr_bringup.run.processes import ProcessGroup
 from lowsnr_bringup.run.results_folder import Account
 from lowsnr_bringup.run.results_folder import PARAMETERS_FILE
@@ -34,7 +34,7 @@ DONE, FAILED, INTERRUPTED = 0, 1, 130
 
 
 class Interrupted(Exception):
-    """The run was asked to end before its time."""
+    """A signal asks the run to end."""
 
 
 class Supervisor:
@@ -50,7 +50,7 @@ class Supervisor:
     frames
         Number of frames that the source publishes, None for no end.
     patience_s
-        Wall time without a newly scored frame after which the rest is not waited for [s].
+        Wall time without a newly scored frame after which the run ends without the rest [s].
     respawn
         Whether nodes that die are started again.
     environment
@@ -75,10 +75,10 @@ class Supervisor:
         self._respawner: Respawner | None = None
         self.account = Account()
         self._watch = CameraWatch()
-        self._missed: dict[Node, str] = {}  # the run goes on without them; how they died
+        self._missed: dict[Node, str] = {}  # nodes that stay dead, and how they died
 
     def run(self) -> tuple[int, str]:
-        """Run the graph; return the exit status, and what went wrong or nothing."""
+        """Run the graph; return the exit status, and what failed, empty if nothing did."""
         before = {s: signal.signal(s, self._on_signal) for s in (signal.SIGINT, signal.SIGTERM)}
         try:
             with ProcessGroup(
@@ -111,7 +111,7 @@ class Supervisor:
                 self._manager.close()
 
     def _follow(self) -> None:
-        """Bring the graph up and wait until the source is done and its frames are scored."""
+        """Activate the nodes, and wait until the source is done and its frames are scored."""
         self._manager.change(CONFIGURE, self._nodes, _START_WITHIN_S)
         self._manager.wait_for_evaluator()
         for node in self._nodes:
@@ -133,11 +133,12 @@ class Supervisor:
 
     def _end(self, within_s: float) -> None:
         """
-        Deactivate from the source on, so that the evaluator sums up what all the others said.
+        Deactivate the source first, and the evaluator after all whose answers it scores.
 
-        A recorder comes after all: it has to hear them.
+        The recorder comes last, because it records the others.
         """
         self._check_enabled = False
+        self._manager.expect_changes()
         dead = {member.node for member in self._group.dead()}
         if self._respawner:
             dead |= self._respawner.away
@@ -149,12 +150,12 @@ class Supervisor:
             try:
                 self._manager.change(DEACTIVATE, [node], within_s)
             except GraphFailure as error:
-                tqdm.write(f'while stopping: {error}')
+                notify(f'while stopping: {error}')
 
     _check_enabled = True
 
     def _check(self) -> None:
-        """Raise if the run was interrupted or a node has died."""
+        """Handle dead nodes; raise if the run is interrupted or cannot go on without one."""
         if not self._check_enabled:
             return
         if self._signal:
@@ -163,27 +164,27 @@ class Supervisor:
             if member.node.source and member.process.returncode == 0:
                 continue
             if member.node not in self._missed and not (
-                    self._respawner and self._respawner.took(member)):
-                self._lose(member)
+                    self._respawner and self._respawner.schedule(member)):
+                self._continue_without(member)
         if self._respawner:
-            self._respawner.look()
-        self._look_at_camera()
+            self._respawner.update()
+        self._watch_camera()
 
-    def _look_at_camera(self) -> None:
-        """Say what the last node to hear the camera says of it."""
+    def _watch_camera(self) -> None:
+        """Print the faults that the node nearest to the camera reports."""
         path = next((node.path for node in reversed(self._nodes) if node.live), '')
         if path in self._manager.statuses:
-            self._watch.look(self._manager.statuses.pop(path))
+            self._watch.update(self._manager.statuses.pop(path))
 
-    def _lose(self, member: NodeProcess) -> None:
-        """Go on without a node that has died for good, or raise where that cannot be."""
+    def _continue_without(self, member: NodeProcess) -> None:
+        """Continue without a node that stays dead, or raise if the run needs it."""
         report = (f'{member.node.label} {member.death()} at frame {self._manager.scored}; '
                   f'the end of {member.log}:\n{member.last_lines()}')
         spare = not member.node.needed or (self._respawner and member.node.name == 'recorder')
         if not (spare and self._manager.scored):
             raise GraphFailure(report)
         self._missed[member.node] = report
-        tqdm.write(f'the run goes on without {report}', file=sys.stderr)
+        notify(f'the run goes on without {report}')
 
     def _source_done(self) -> bool:
         return any(member.node.source and member.process.returncode == 0

@@ -1,4 +1,4 @@
-"""A lifecycle transition of one node, asked for until it is known how it went."""
+"""A request for a lifecycle transition, repeated until its outcome is known."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class PendingTransition:
     """
     A request for a transition.
 
-    The middleware may lose an answer where the server has not found the client yet.  So after
-    a while, and where a node refuses, its state is asked for: that decides.
+    The middleware may lose an answer if the server has not discovered the client yet.  So after
+    a while, and after a rejection, this asks for the state of the node, and that decides.
 
     Parameters
     ----------
@@ -44,26 +44,26 @@ class PendingTransition:
         self._asked = 0.0
 
     def poll(self) -> bool | None:
-        """Return whether the node made the transition; None while that is not known."""
-        refused = self._answer is not None and self._answer.done()
-        if refused and self._answer.result().success:
+        """Return whether the node made the transition; None while that is unknown."""
+        rejected = self._answer is not None and self._answer.done()
+        if rejected and self._answer.result().success:
             return True
         if self._found is not None and self._found.done():
             if self._found.result().current_state.id == self._target:
                 return True
-            if refused:
+            if rejected:
                 return False
-            self._answer = self._found = None  # neither made nor refused: the request is lost
-        self._ask(refused)
+            self._answer = self._found = None  # neither made nor rejected: the request is lost
+        self._ask(rejected)
         return None
 
-    def _ask(self, refused: bool) -> None:
-        """Ask for the transition, or, where its answer does not come, for the state."""
+    def _ask(self, rejected: bool) -> None:
+        """Ask for the transition, or for the state if no answer to that comes."""
         waited_s = time.monotonic() - self._asked
         if self._answer is None:
             if self._change.service_is_ready():
                 self._answer = self._change.call_async(self._request)
                 self._asked = time.monotonic()
-        elif waited_s > _ASK_AGAIN_AFTER_S or (refused and self._found is None):
+        elif waited_s > _ASK_AGAIN_AFTER_S or (rejected and self._found is None):
             self._found = self._state.call_async(GetState.Request())
             self._asked = time.monotonic()

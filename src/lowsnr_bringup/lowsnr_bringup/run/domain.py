@@ -1,4 +1,4 @@
-"""One run at a time on a ROS domain: two graphs on one domain would hear each other."""
+"""One run at a time on a ROS domain: two graphs on one would receive each other's frames."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import stat
 import tempfile
 from typing import TextIO
 
-_LARGEST = 232  # beyond it DDS has no ports
-_MEND = ': remove it, or set TMPDIR to a folder of your own'
+_LARGEST = 232  # DDS has no ports for more
+_REMEDY = ': remove it, or set TMPDIR to a folder of your own'
 
 
 def claim_domain() -> TextIO:
@@ -20,13 +20,13 @@ def claim_domain() -> TextIO:
     Returns
     -------
     file
-        The claim; it ends when the file is closed, or with the process.
+        The claim; it ends when the file is closed or the process ends.
 
     Raises
     ------
     ValueError
-        If there is no such domain, a run of the same user on this machine has it, or the claim
-        cannot be written.
+        If there is no such domain, another run of the same user on this machine has it, or the
+        claim cannot be written.
 
     """
     number = os.environ.get('ROS_DOMAIN_ID') or '0'
@@ -45,18 +45,18 @@ def claim_domain() -> TextIO:
 
 def _open(path: Path) -> TextIO:
     """
-    Open a file of ours; ValueError where another user, or a link, stands at its name.
+    Open a file for the claim; ValueError if the path is a link or belongs to another user.
 
-    Everybody may write to the folder of temporary files, and knows the name.
+    Every user may write to the folder of temporary files, and can guess the name.
     """
     try:
-        # Non-blocking, so that a pipe is no trap.
+        # Non-blocking, so that the open of a pipe does not wait for its reader.
         flags = os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
         claim = os.fdopen(os.open(path, flags, 0o600), 'w')
     except OSError as error:
-        raise ValueError(f'{path}: cannot be written: {error.strerror}{_MEND}') from None
+        raise ValueError(f'{path}: cannot be written: {error.strerror}{_REMEDY}') from None
     found = os.fstat(claim.fileno())
     if not stat.S_ISREG(found.st_mode) or found.st_uid != os.getuid():
         claim.close()
-        raise ValueError(f'{path}: is not a file of this user{_MEND}')
+        raise ValueError(f'{path}: is not a file of this user{_REMEDY}')
     return claim

@@ -1,4 +1,4 @@
-"""The processes of a graph: started together, watched, and ended whatever happens."""
+"""The processes of a graph: bring-up starts, watches and ends them."""
 
 from __future__ import annotations
 
@@ -16,14 +16,16 @@ from typing import BinaryIO
 from typing import Protocol
 
 from lowsnr_bringup.plan.graph import Node
-from lowsnr_bringup.run.node_server import NodeServer
-from lowsnr_bringup.run.node_server import ServerGone
+from lowsnr_bringup.run.forked_nodes import NodeServer
+from lowsnr_bringup.run.forked_nodes import ServerGone
 from lowsnr_bringup.run.shared_memory import clear_leftovers
 from lowsnr_common.core.process_setup import LIFELINE
+from lowsnr_common.core.process_setup import SHUT_DOWN
+from lowsnr_common.core.process_setup import TERMINATED
+from tqdm import tqdm
 
 _TERM_WITHIN_S = 2.0
 _LAST_LINES = 8
-TERMINATED = 128 + signal.SIGTERM
 NONE: Mapping[str, object] = MappingProxyType({})
 
 
@@ -53,14 +55,14 @@ class Process(Protocol):
 
 @dataclass(frozen=True)
 class NodeProcess:
-    """A node's process and the file its output goes to."""
+    """A node's process and its log file."""
 
     node: Node
     process: Process
     log: Path
 
     def death(self) -> str:
-        """Say how the process ended, in words."""
+        """Return how the process ended, in words that follow its name."""
         status = self.process.poll()
         if status is None:
             return 'runs'
@@ -68,6 +70,8 @@ class NodeProcess:
             return f'was killed by {signal.Signals(-status).name}'
         if status == TERMINATED:
             return 'was ended by SIGTERM'
+        if status == SHUT_DOWN:
+            return 'was shut down through its lifecycle'
         return f'ended with status {status}'
 
     def last_lines(self) -> str:
@@ -159,6 +163,7 @@ class ProcessGroup:
                     module, arguments, self._environment, log.fileno(), self._pipe_out)
             except ServerGone:
                 self._server = None
+                notify('the process that forks nodes is gone; nodes start their own Python')
         return subprocess.Popen(
             [sys.executable, '-m', module, *arguments], stdin=subprocess.DEVNULL, stdout=log,
             stderr=subprocess.STDOUT, env={**self._environment, LIFELINE: str(self._pipe_out)},
@@ -169,7 +174,7 @@ class ProcessGroup:
         return [member for member in self.members if member.process.poll() is not None]
 
     def stop(self) -> None:
-        """End all members: SIGTERM, and SIGKILL to those that do not answer it."""
+        """End all members by SIGTERM, and by SIGKILL those that do not end within 2 s."""
         running = [m for m in self.members if m.process.poll() is None]
         for member in running:
             member.process.send_signal(signal.SIGTERM)
@@ -182,7 +187,7 @@ class ProcessGroup:
 
 
 def _wait(members: Iterable[NodeProcess], seconds: float) -> bool:
-    """Wait until all have ended; False if the time is over before."""
+    """Wait until all have ended; return False if the time ends first."""
     until = time.monotonic() + seconds
     for member in members:
         try:
@@ -190,3 +195,8 @@ def _wait(members: Iterable[NodeProcess], seconds: float) -> bool:
         except subprocess.TimeoutExpired:
             return False
     return True
+
+
+def notify(text: str) -> None:
+    """Print a line above the progress bar."""
+    tqdm.write(f'bringup.py: {text}', file=sys.stderr)

@@ -1,4 +1,4 @@
-"""The setup of a node's process: it ends with its starter, and keeps freed memory."""
+"""The process of a node: how it ends with its starter, its memory, and its exit statuses."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ import sys
 import threading
 
 LIFELINE = 'LOWSNR_LIFELINE'
+# Exit statuses: of a node that cannot become active, of one with a setting out of its bounds, of
+# one that was shut down through its lifecycle, and after SIGTERM.
+FAILED, USAGE_ERROR, SHUT_DOWN, TERMINATED = 1, 2, 3, 128 + signal.SIGTERM
 # Parameters of mallopt(3), as malloc.h numbers them.
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
 _KEPT_BYTES = 2**30

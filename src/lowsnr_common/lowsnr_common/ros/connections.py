@@ -1,4 +1,4 @@
-"""Who is on a node's topics: missing, not connected and why, or yet to acknowledge."""
+"""The other ends of a node's topics: which are missing, and which do not fit, and why."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import time
 from typing import Any
 
+from lowsnr_common.ros.diagnostics import Fault
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import qos_check_compatible
@@ -14,17 +15,20 @@ from rclpy.qos import QoSCompatibility
 from rclpy.qos import QoSProfile
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-# Names that one line holds.
+# Reasons of faults.
+SEVERAL_PUBLISHERS = 'several publishers'
+OTHER_TYPE, OTHER_QOS = 'other type', 'incompatible qos'
+# Names in one line.
 _MOST_NAMES = 5
 _ACKNOWLEDGED_WITHIN_S = 10.0
 
 
 def missing_peer(outputs: Mapping[Any, int], inputs: Iterable[Any]) -> str:
     """
-    Say which reader or writer is not connected yet; nothing where all are.
+    Return which reader or writer is not connected yet, in one line; nothing if all are.
 
-    Both ends of a connection find each other at their own time, and a reader that has not found
-    its writer loses what the writer sends.  So each node looks at both.
+    The two ends of a connection discover each other at different times, and a reader that has
+    not discovered its writer loses what the writer sends.  So each node checks both.
 
     Parameters
     ----------
@@ -46,45 +50,46 @@ def missing_peer(outputs: Mapping[Any, int], inputs: Iterable[Any]) -> str:
 def wait_for_readers(
     publishers: Iterable[Any], within_s: float = _ACKNOWLEDGED_WITHIN_S,
 ) -> None:
-    """Wait until every reader has every message, but not for long [s]: one may have died."""
+    """Wait until every reader has every message, at most so long [s]: a reader may have died."""
     until = time.monotonic() + within_s
     for publisher in publishers:
         left_s = max(0.0, until - time.monotonic())
         publisher.wait_for_all_acked(Duration(seconds=left_s))
 
 
-def input_faults(node: Node, subscription: Any) -> list[str]:
-    """Say which publishers of a subscription's topic it cannot hear, and whether it hears two."""
-    topic, heard = subscription.topic_name, subscription.get_publisher_count()
+def input_faults(node: Node, subscription: Any) -> list[Fault]:
+    """Return which publishers of a subscription's topic do not fit, and whether several do."""
+    topic, connected = subscription.topic_name, subscription.get_publisher_count()
     known = node.count_publishers(topic)
-    if known <= heard <= 1:
+    if known <= connected <= 1:
         return []
     publishers = node.get_publishers_info_by_topic(topic)
     faults = []
-    # One of a name that died and was started again is known for a while beside its successor.
-    if heard > 1 and len({name_of(publisher) for publisher in publishers}) > 1:
-        faults.append(f'{topic}: {heard} publishers: {_names(publishers)}')
-    if known > heard:
-        own = _own(node, node.get_subscriptions_info_by_topic(topic))
+    # A node that died stays known for a while after its successor of the same name started.
+    if connected > 1 and len({name_of(publisher) for publisher in publishers}) > 1:
+        faults.append(Fault(
+            topic, SEVERAL_PUBLISHERS, f'{connected} publishers: {_names(publishers)}'))
+    if known > connected:
+        own = _own(node, node.get_subscriptions_info_by_topic(topic)) or subscription.qos_profile
         kind = type_name(subscription.msg_type)
         faults += [
-            f'{topic}: not heard is {name_of(other)}, which publishes {why}'
+            Fault(topic, reason, f'cannot receive from {name_of(other)}, which publishes {why}')
             for other in publishers[:_MOST_NAMES]
-            if (why := _mismatch(other, kind, other.qos_profile, own or subscription.qos_profile))]
+            for reason, why in _mismatches(other, kind, other.qos_profile, own)]
     return faults
 
 
-def output_faults(node: Node, publisher: Any) -> list[str]:
-    """Say which readers of a publisher's topic it cannot reach."""
+def output_faults(node: Node, publisher: Any) -> list[Fault]:
+    """Return which readers of a publisher's topic do not fit."""
     topic = publisher.topic_name
     if node.count_subscribers(topic) <= publisher.get_subscription_count():
         return []
     own = _own(node, node.get_publishers_info_by_topic(topic)) or publisher.qos_profile
     kind = type_name(publisher.msg_type)
     return [
-        f'{topic}: not reached is {name_of(other)}, which reads {why}'
+        Fault(topic, reason, f'cannot send to {name_of(other)}, which subscribes to {why}')
         for other in node.get_subscriptions_info_by_topic(topic)[:_MOST_NAMES]
-        if (why := _mismatch(other, kind, own, other.qos_profile))]
+        for reason, why in _mismatches(other, kind, own, other.qos_profile)]
 
 
 def name_of(endpoint: TopicEndpointInfo) -> str:
@@ -104,20 +109,20 @@ def _names(endpoints: Iterable[TopicEndpointInfo]) -> str:
 
 
 def _own(node: Node, endpoints: Iterable[TopicEndpointInfo]) -> QoSProfile | None:
-    """Return the QoS that a node's own endpoint came to; what it asked for may leave it open."""
+    """Return the QoS in effect of a node's own endpoint; what it asked for may leave it open."""
     name = node.get_fully_qualified_name()
     return next((item.qos_profile for item in endpoints if name_of(item) == name), None)
 
 
-def _mismatch(
+def _mismatches(
     other: TopicEndpointInfo, kind: str, offered: QoSProfile, requested: QoSProfile,
-) -> str:
-    """Return in what an endpoint does not fit; nothing where it does."""
+) -> list[tuple[str, str]]:
+    """Return why an endpoint does not fit, as reason and text; nothing if it does."""
     if other.topic_type != kind:
-        return f'{other.topic_type}, not {kind}'
+        return [(OTHER_TYPE, f'{other.topic_type}, not {kind}')]
     found, reasons = qos_check_compatible(offered, requested)
     if found != QoSCompatibility.ERROR:
-        return ''
+        return []
     errors = [part.strip().removeprefix('ERROR: ') for part in reasons.split(';')
               if part.strip().startswith('ERROR')]
-    return f'with incompatible QoS: {"; ".join(errors)}'
+    return [(OTHER_QOS, f'with incompatible QoS: {", ".join(errors)}')]

@@ -1,4 +1,4 @@
-"""What a node counts, how long its work takes and what troubles it."""
+"""The status of a node in ``/diagnostics``: its counts, times, and faults by reason."""
 
 from __future__ import annotations
 
@@ -7,58 +7,99 @@ from collections import defaultdict
 from collections import deque
 from collections.abc import Mapping
 from collections.abc import Sequence
+from dataclasses import dataclass
 from statistics import median
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.msg import KeyValue
 
-# Messages in and out, not used, of these too late, and dropped by the middleware.
+# Messages received, published and rejected; rejected as too late; dropped by the middleware.
 ALWAYS = ('in', 'out', 'refused', 'late', 'lost')
-# Of each input, so many times are kept.
+# The number of durations kept of each input.
 _TIMED = 1000
+_FAULT = 'fault: '
+
+
+@dataclass(frozen=True)
+class Fault:
+    """
+    Something wrong with what a node receives, publishes or writes.
+
+    Parameters
+    ----------
+    subject
+        Name of the topic, or what else it is about.
+    reason
+        The same short phrase for all such faults, by which programs tell them apart: one of the
+        constants of :mod:`lowsnr_common.ros.connections` or :mod:`lowsnr_common.ros.inputs`, or
+        the reason of a :class:`lowsnr_common.core.records.Malformed`.
+    text
+        A sentence for people, with the values of this fault.
+
+    """
+
+    subject: str
+    reason: str
+    text: str
+
+    @property
+    def key(self) -> str:
+        """Return what tells faults apart: subject and reason."""
+        return f'{self.subject} {self.reason}'
+
+    def __str__(self) -> str:
+        return f'{self.subject}: {self.text}'
+
+
+def faults_of(status: DiagnosticStatus) -> dict[str, str]:
+    """Return the faults that a status reports, sentences by :attr:`Fault.key`."""
+    return {
+        item.key.removeprefix(_FAULT): item.value for item in status.values
+        if item.key.startswith(_FAULT)}
 
 
 class Health:
     """
-    The state of a node for ``/diagnostics``.
+    The counts, times and faults of a node.
 
-    ``counts`` are those of all its life, ``trouble`` what was last amiss since the last status.
+    ``counts`` are those since it started, ``fault`` is the last one since the last status.
     """
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter(dict.fromkeys(ALWAYS, 0))
-        self.trouble = ''
+        self.fault: Fault | None = None
         self._spent_ms: dict[str, deque[float]] = defaultdict(lambda: deque(maxlen=_TIMED))
 
     def spent(self, topic: str, seconds: float) -> None:
-        """Take the time that a message of a topic took [s]."""
+        """Add the time that the work on a message of a topic took [s]."""
         self._spent_ms[topic].append(1e3 * seconds)
 
     def status(
-        self, name: str, faults: Sequence[str], facts: Mapping[str, str],
+        self, name: str, lasting: Sequence[Fault], facts: Mapping[str, str],
     ) -> DiagnosticStatus:
         """
-        Return the status of a node, and forget its trouble.
+        Return the status of a node, and forget its last fault.
 
         Parameters
         ----------
         name
             Full name of the node.
-        faults
-            What is wrong now and lasts: the status is then ERROR.  It is WARN where anything was
-            refused, late or lost since the last one.
+        lasting
+            Faults that exist now: with any the level is ERROR.  It is WARN if there was another
+            since the last status, such as a rejected, late or lost message.
         facts
-            What else to say, by key.
+            Further values by key.
 
         """
         values = {key: str(count) for key, count in sorted(self.counts.items())}
         for topic, spent in self._spent_ms.items():
             values[f'{topic} median [ms]'] = f'{median(spent):.3f}'
             values[f'{topic} longest [ms]'] = f'{max(spent):.3f}'
-        level = DiagnosticStatus.WARN if self.trouble else DiagnosticStatus.OK
-        said = [*faults, self.trouble] if self.trouble else [*faults]
-        self.trouble = ''
+        faults = [*lasting, self.fault] if self.fault else [*lasting]
+        values |= {**facts, **{f'{_FAULT}{fault.key}': str(fault) for fault in faults}}
+        level = DiagnosticStatus.WARN if self.fault else DiagnosticStatus.OK
+        self.fault = None
         return DiagnosticStatus(
-            level=DiagnosticStatus.ERROR if faults else level, name=name,
-            message='; '.join(said),
-            values=[KeyValue(key=key, value=value) for key, value in {**values, **facts}.items()])
+            level=DiagnosticStatus.ERROR if lasting else level, name=name,
+            message='; '.join(map(str, faults)),
+            values=[KeyValue(key=key, value=value) for key, value in values.items()])

@@ -1,4 +1,4 @@
-"""An input of a node: what comes on one topic, timed, screened and looked after."""
+"""An input of a node: a subscription that times, checks and counts what it receives."""
 
 from __future__ import annotations
 
@@ -9,16 +9,20 @@ from typing import Any
 
 from lowsnr_common.core.records import Malformed
 from lowsnr_common.ros.connections import input_faults
+from lowsnr_common.ros.connections import OTHER_QOS
+from lowsnr_common.ros.diagnostics import Fault
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import qos_policy_name_from_kind
 from rclpy.qos import QoSProfile
 from rclpy.qos import ReliabilityPolicy
 
 CAMERA_TOPIC = 'image_raw'
+# Reasons of faults.
+NO_PUBLISHER, SILENT, LOST, UNUSABLE = 'no publisher', 'silent', 'lost', 'cannot be used'
 
 
 def take_waiting(subscription: Any) -> Iterator[Any]:
-    """Take the messages that wait for a subscription, one by one."""
+    """Yield the messages in the queue of a subscription."""
     while True:
         with subscription.handle:
             found = subscription.handle.take_message(subscription.msg_type, False)
@@ -28,7 +32,7 @@ def take_waiting(subscription: Any) -> Iterator[Any]:
 
 
 def drain(subscription: Any) -> None:
-    """Hand the messages that wait for a subscription to its callback; a spin takes one."""
+    """Pass all messages in the queue of a subscription to its callback; a spin takes one."""
     for message in take_waiting(subscription):
         subscription.callback(message)
 
@@ -40,7 +44,7 @@ class Input:
     Parameters
     ----------
     node
-        The :class:`lowsnr_common.ros.managed_node.ManagedNode` that listens.
+        The :class:`lowsnr_common.ros.managed_node.ManagedNode` that subscribes.
     kind, topic, callback, qos, needed, steady, first
         As for its ``listen``.
 
@@ -56,38 +60,41 @@ class Input:
         self.needed, self._steady = needed, needed and steady
         self._of_camera = node.settings.live and topic == CAMERA_TOPIC
         self.awaited = needed and not self._of_camera
-        self._heard_s = 0.0
+        self._received_s = 0.0
         self._incompatible = ''
         self.subscription = self._subscribe()
 
     def begin(self) -> None:
         """
-        Take silence from now on, and of a camera only what it sends from now on.
+        Start to measure silence; drop what a camera sent before.
 
-        A recorder is ready before the others, but what waits here may have come before that.
+        A recorder becomes active before the other nodes.  What is in the queue here may have
+        arrived even before that, and would be answered without being recorded.
         """
         if self._of_camera and not self._node.settings.lives:
             for _ in take_waiting(self.subscription):
                 pass
-        self._heard_s = time.perf_counter()
+        self._received_s = time.perf_counter()
 
-    def silence(self) -> str:
-        """Say whether nothing comes that should; nothing where all is well."""
+    def silence(self) -> list[Fault]:
+        """Return whether messages that should come do not."""
+        topic = self.subscription.topic_name
         if self.needed and not self.subscription.get_publisher_count():
-            return f'{self.subscription.topic_name}: nobody publishes it'
-        since_s = time.perf_counter() - self._heard_s
+            return [Fault(topic, NO_PUBLISHER, 'nobody publishes it')]
+        since_s = time.perf_counter() - self._received_s
         if self._steady and since_s > self._node.settings.silence_s:
-            return f'{self.subscription.topic_name}: silent for {since_s:.0f} s'
-        return ''
+            return [Fault(topic, SILENT, f'no message for {since_s:.0f} s')]
+        return []
 
-    def faults(self) -> list[str]:
-        """Say which publishers are not heard and why, and whether there are two."""
+    def faults(self) -> list[Fault]:
+        """Return which publishers do not fit and why, and whether there are several."""
         found = input_faults(self._node, self.subscription)
         if self._incompatible and not found:
-            found = [f'{self.subscription.topic_name}: a publisher with incompatible '
-                     f'{self._incompatible} came and went']
+            found = [Fault(
+                self.subscription.topic_name, OTHER_QOS,
+                f'a publisher with incompatible {self._incompatible} came and went')]
         self._incompatible = ''
-        # Which reliability is available was settled when the subscription was made.
+        # The middleware chose the reliability when the subscription was made: choose again.
         if found and self._qos.reliability is ReliabilityPolicy.BEST_AVAILABLE and (
                 not self.subscription.get_publisher_count()):
             self._node.destroy_subscription(self.subscription)
@@ -104,17 +111,18 @@ class Input:
     def _take(self, message: Any) -> None:
         if self._first is not None:
             drain(self._first.subscription)
-        self._heard_s = time.perf_counter()
+        self._received_s = time.perf_counter()
         try:
             self._callback(message)
         except ValueError as error:
-            reason = error.reason if isinstance(error, Malformed) else 'cannot be used'
-            self._node.refuse(f'{self._topic}: {error}', f'{self._topic} {reason}')
-        self._node.health.spent(self._topic, time.perf_counter() - self._heard_s)
+            reason = error.reason if isinstance(error, Malformed) else UNUSABLE
+            self._node.reject(self._topic, reason, str(error))
+        self._node.health.spent(self._topic, time.perf_counter() - self._received_s)
 
     def _on_lost(self, event: Any) -> None:
         self._node.counts['lost'] += event.total_count_change
-        self._node.warn(f'{self._topic}: {event.total_count_change} messages lost on the way')
+        self._node.warn(Fault(
+            self._topic, LOST, f'the middleware lost {event.total_count_change} messages'))
 
     def _on_incompatible(self, event: Any) -> None:
         self._incompatible = qos_policy_name_from_kind(event.last_policy_kind).lower()

@@ -1,34 +1,28 @@
-"""What nodes share: topics' QoS, the managed node with its diagnostics, the one main()."""
+"""The managed node: a lifecycle node that counts, reports and checks its connections."""
 
 from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable
 import os
-import signal
-import sys
 import time
 from typing import Any
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
-from lowsnr_common.core.process_setup import end_with_starter
-from lowsnr_common.core.process_setup import keep_freed_memory
 from lowsnr_common.core.timeline import StampOrder
 from lowsnr_common.core.timeline import Timeline
 from lowsnr_common.ros.connections import missing_peer
 from lowsnr_common.ros.connections import output_faults
+from lowsnr_common.ros.diagnostics import Fault
 from lowsnr_common.ros.diagnostics import Health
 from lowsnr_common.ros.inputs import Input
-from lowsnr_common.ros.live_parameters import SettingsNode
 from lowsnr_common.ros.messages import stamp_key
 from lowsnr_common.ros.parameters import declare
+from lowsnr_common.ros.settings_node import SettingsNode
 from lowsnr_common.settings.node_settings import NodeSettings
-import rclpy
 from rclpy.clock import Clock
 from rclpy.clock import ClockType
-from rclpy.executors import ExternalShutdownException
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.qos import QoSProfile
@@ -36,12 +30,15 @@ from rclpy.timer import Timer
 
 _PEERS_WITHIN_S, _THROTTLE_S = 20.0, 5.0
 _REPEATS, _REPEATED_S = 40, 0.05
-FAILED, USAGE_ERROR, TERMINATED = 1, 2, 128 + signal.SIGTERM
+# Time for the answer to a request for shutdown to arrive.
+_ANSWERED_AFTER_S = 0.2
+# Reasons of faults.
+LATE, SET_BACK, BROKEN = 'late stamp', 'clock set back', 'broken'
 
 
 class ManagedNode(SettingsNode):
     """
-    A lifecycle node that counts what it does and says it in ``/diagnostics``.
+    A lifecycle node that counts what it does and reports it in ``/diagnostics``.
 
     Subclasses make their publishers and subscriptions in :meth:`on_configure`, subscriptions
     by :meth:`listen`, and put the publishers into ``self.outputs`` with the number of readers
@@ -53,12 +50,12 @@ class ManagedNode(SettingsNode):
         self.settings = declare(self, NodeSettings)
         self.health = Health()
         self.counts = self.health.counts
-        self.active = self.done = False
+        self.active = self.done = self.shut_down = False
         self.outputs: dict[Any, int] = {}
         self._inputs: list[Input] = []
         self._timelines: dict[str, Timeline] = defaultdict(Timeline)
-        self._faults: list[str] = []
-        self.broken = ''  # what keeps the node from its work
+        self._faults: list[Fault] = []
+        self.broken = ''  # what keeps the node from its work, in one line
         self._quiet_until = 0.0
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._diagnostics_timer = self.create_timer(1.0, self.report)
@@ -66,7 +63,7 @@ class ManagedNode(SettingsNode):
     def create_timer(
         self, timer_period_sec: float, callback: Callable[[], None], **kwargs: Any,
     ) -> Timer:
-        """Create a timer that goes on when the clock of the machine is set back."""
+        """Create a timer that keeps its period when the clock of the machine is set back."""
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         return super().create_timer(timer_period_sec, callback, clock=steady, **kwargs)
 
@@ -75,7 +72,7 @@ class ManagedNode(SettingsNode):
         until = time.monotonic() + _PEERS_WITHIN_S
         while missing := self._missing():
             if time.monotonic() > until:
-                self.get_logger().error('; '.join([missing, *self._standing_faults()]))
+                self.get_logger().error('; '.join([missing, *map(str, self._lasting_faults())]))
                 return TransitionCallbackReturn.FAILURE
             time.sleep(0.005)
         self.active = True
@@ -85,7 +82,7 @@ class ManagedNode(SettingsNode):
         return super().on_activate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Leave all topics, so that the node can be configured anew."""
+        """Leave all topics, so that the node can be configured again."""
         for each in self._inputs:
             self.destroy_subscription(each.subscription)
         for publisher in self.outputs:
@@ -96,11 +93,17 @@ class ManagedNode(SettingsNode):
         return super().on_cleanup(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop answering, and say the last counts."""
+        """Stop answering, and report the last counts."""
         self.active = False
         self.report()
         self._report_soon()
         return super().on_deactivate(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop answering, and end the process once the request has been answered."""
+        self.active, self.shut_down = False, True
+        self.create_timer(_ANSWERED_AFTER_S, self._end)
+        return super().on_shutdown(state)
 
     def listen(
         self, kind: type, topic: str, callback: Callable[[Any], None], qos: QoSProfile,
@@ -109,7 +112,7 @@ class ManagedNode(SettingsNode):
         """
         Subscribe to a topic.
 
-        A message of which the callback raises ValueError is refused with its reason.
+        A message for which the callback raises ValueError is rejected with its reason.
 
         Parameters
         ----------
@@ -118,11 +121,11 @@ class ManagedNode(SettingsNode):
         needed
             Whether it must have a writer before the node becomes active, and while it is.
         steady
-            Whether every frame brings a message, so that silence is worth a word.
+            Whether every frame brings a message, so that silence is a fault.
         first
-            An input whose waiting messages are taken before each of this one.  By itself a node
-            takes one message of each input in turn, so that after a stall an input of several
-            messages a frame would lag behind one of a single.
+            An input whose queue is emptied before each message of this one.  By itself a node
+            takes one message of each input in turn, so that after a stall an input with several
+            messages a frame would lag behind an input with one.
 
         """
         self._inputs.append(Input(self, kind, topic, callback, qos, needed, steady, first))
@@ -133,62 +136,74 @@ class ManagedNode(SettingsNode):
         inputs = [each.subscription for each in self._inputs if each.awaited]
         return missing_peer(needed, inputs if self.settings.consumers else [])
 
-    def refuse(self, why: str, reason: str = '') -> None:
-        """Count a message that is not used, also by its reason, and say why."""
-        self.counts['refused'] += 1
-        if reason:
-            self.counts[reason] += 1
-        self.warn(why)
+    def reject(self, subject: str, reason: str, text: str, number: int = 1) -> None:
+        """
+        Count and report messages, or parts of one, that the node does not use.
 
-    def warn(self, why: str) -> None:
-        """Say what is amiss, in the log at most every 5 s."""
-        self.health.trouble = why
-        # Not the logger's own throttle, which takes longer than a message may in a flood.
+        Parameters
+        ----------
+        subject, reason, text
+            Topic, reason and sentence of the :class:`Fault`.
+        number
+            How many share the reason.
+
+        """
+        fault = Fault(subject, reason, text)
+        self.counts['refused'] += 1
+        self.counts[fault.key] += number
+        self.warn(fault)
+
+    def warn(self, fault: Fault) -> None:
+        """Report a fault in the next status, and in the log at most every 5 s."""
+        self.health.fault = fault
+        # The logger's own throttle takes longer than a message may take in a flood.
         if (now := time.monotonic()) >= self._quiet_until:
             self._quiet_until = now + _THROTTLE_S
-            self.get_logger().warning(why)
+            self.get_logger().warning(str(fault))
 
     def is_new(self, source: str, stamp: Time) -> bool:
-        """Whether a message is to be used by its stamp, see Timeline; refuses it otherwise."""
+        """Return whether a message may be used by its stamp, see Timeline; reject it otherwise."""
         timeline, key = self._timelines[source], stamp_key(stamp)
         newest, order = timeline.newest, timeline.classify(key)
         if order is StampOrder.LATE:
-            self.counts['late'] += 1
-            self.refuse(f'{source}: stamp {key / 1e9:.14g} s is not after {newest / 1e9:.14g} s')
+            self.counts.update(('late', 'refused'))
+            self.warn(Fault(
+                source, LATE, f'stamp {key / 1e9:.14g} s is not after {newest / 1e9:.14g} s'))
         elif order is StampOrder.SET_BACK:
             self.counts['set back'] += 1
-            self.health.trouble = (
-                f'{source}: its clock was set back from {newest / 1e9:.14g} s to '
-                f'{key / 1e9:.14g} s; going on from there')
-            self.get_logger().warning(self.health.trouble)
+            self.health.fault = Fault(
+                source, SET_BACK, f'the clock of its stamps was set back from '
+                f'{newest / 1e9:.14g} s to {key / 1e9:.14g} s; the node continues from there')
+            self.get_logger().warning(str(self.health.fault))
         return order is not StampOrder.LATE
 
     def report(self) -> None:
-        """Publish counts, times and what is wrong."""
+        """Publish counts, times and faults."""
         if not self.context.ok():
             return
-        faults = self._standing_faults()
+        faults = self._lasting_faults()
         if faults and faults != self._faults:
-            self.get_logger().error('; '.join(faults))
+            self.get_logger().error('; '.join(map(str, faults)))
         self._faults = faults
         if self.active:
-            faults = faults + [said for each in self._inputs if (said := each.silence())]
+            faults = faults + [fault for each in self._inputs for fault in each.silence()]
         message = DiagnosticArray(status=[self.health.status(
             self.get_fully_qualified_name(), faults,
             {'state': self._state_machine.current_state[1], 'process': str(os.getpid())})])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
 
-    def _standing_faults(self) -> list[str]:
-        faults = [self.broken] if self.broken else []
-        faults += [said for each in self._inputs for said in each.faults()]
-        return faults + [said for each in self.outputs for said in output_faults(self, each)]
+    def _lasting_faults(self) -> list[Fault]:
+        faults = [Fault(self.get_name(), BROKEN, self.broken)] if self.broken else []
+        faults += [fault for each in self._inputs for fault in each.faults()]
+        return faults + [fault for each in self.outputs for fault in output_faults(self, each)]
 
     def _report_soon(self) -> None:
         """
-        Report once the transition under way has been made.
+        Report once the present transition is complete.
 
-        A node that was started again repeats it, until whoever waits for that has found it.
+        A restarted node repeats the report until bring-up, which waits for it, must have
+        discovered the node.
         """
         repeats = iter(range(_REPEATS if self.settings.lives else 1))
 
@@ -200,51 +215,16 @@ class ManagedNode(SettingsNode):
         timer = self.create_timer(_REPEATED_S if self.settings.lives else 0.0, report)
 
     def finish(self) -> None:
-        """End the process: all is done."""
+        """End the process: the node has done all its work."""
         self.report()
         self.done = True
+        self._end()
+
+    def _end(self) -> None:
         self.context.try_shutdown()
 
     def autostart(self) -> bool:
-        """Configure and activate without a manager, where so set; False if that fails."""
+        """Configure and activate without a manager, if set so; return False if that fails."""
         done = TransitionCallbackReturn.SUCCESS
         return not self.settings.autostart or (
             self.trigger_configure() == done and self.trigger_activate() == done)
-
-
-def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> None:
-    """
-    Start ROS, spin one node, end quietly on Ctrl-C, SIGTERM or when the node is done.
-
-    A setting out of its bounds ends the process with status 2 and one line, SIGTERM with
-    status 143, a node that cannot become active with 1.
-    """
-    end_with_starter()
-    keep_freed_memory()
-    rclpy.init(args=args)
-    node = None
-    try:
-        node = make_node()
-        executor = SingleThreadedExecutor()
-        executor.add_node(node)
-        if not node.autostart():
-            sys.exit(FAILED)
-        executor.spin()
-    except ValueError as error:
-        if node is not None:
-            raise
-        print(error, file=sys.stderr)
-        sys.exit(USAGE_ERROR)
-    except KeyboardInterrupt:
-        return
-    except ExternalShutdownException:
-        pass
-    except RuntimeError:
-        if rclpy.ok():  # else what was being published when SIGTERM came
-            raise
-    finally:
-        if node is not None:
-            node.destroy_node()
-        rclpy.try_shutdown()
-    if node is None or not node.done:
-        sys.exit(TERMINATED)

@@ -40,7 +40,7 @@ def declare(node: Node, cls: type[T], *, live: bool = False) -> T:
         Settings class; ``group.value`` becomes the parameter of that name.
     live
         Whether the node takes live settings while it runs
-        (:mod:`lowsnr_common.ros.live_parameters`); all others are read-only.
+        (:mod:`lowsnr_common.ros.settings_node`); all others are read-only.
 
     Raises
     ------
@@ -54,7 +54,8 @@ def declare(node: Node, cls: type[T], *, live: bool = False) -> T:
     built = build_settings(cls, values)
     for name, item in declared.items():
         if item.live and live:
-            # Only now: a range has the middleware refuse a value given at the start in its words.
+            # Only now: with a range, rclpy would reject a wrong value at the start, and not name
+            # the parameter.
             node.set_descriptor(name, _with_range(_descriptor(item, live), item))
     return built
 

@@ -10,7 +10,7 @@ from lowsnr_common.core.records import Malformed
 from lowsnr_common.core.streams import stream
 from lowsnr_common.ros import messages
 from lowsnr_common.ros.managed_node import ManagedNode
-from lowsnr_common.ros.managed_node import run
+from lowsnr_common.ros.node_main import run
 from lowsnr_common.ros.parameters import declare
 from lowsnr_common.ros.qos import any_reliability
 from lowsnr_common.ros.qos import frame_depth
@@ -86,9 +86,8 @@ class DetectorNode(ManagedNode):
             frame = messages.image_to_frame(image)
             work = self._work_for(frame)
         except Malformed as error:
-            self.refuse(
-                f'image_raw: {error}; frame rejected, empty array published',
-                f'image_raw {error.reason}')
+            self.reject(
+                'image_raw', error.reason, f'{error}; frame rejected, empty array published')
             self._publish([], image.header)
             return
         self._publish(work.step(frame, self._rng).estimates(), image.header)

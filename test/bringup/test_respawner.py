@@ -1,7 +1,7 @@
 """How often, and after what wait, a node that died is started again."""
 
-from lowsnr_bringup.run.respawn_policy import Deaths
-from lowsnr_bringup.run.respawn_policy import RespawnPolicy
+from lowsnr_bringup.ros.respawner import Deaths
+from lowsnr_bringup.ros.respawner import RespawnPolicy
 import pytest
 
 POLICY = RespawnPolicy(most=4, window_s=60.0, wait_s=0.5)

@@ -1,24 +1,63 @@
-"""Settings that change while a node runs: ``ros2 param set``, taken or refused as a whole."""
+"""A lifecycle node whose settings can change while it runs, by ``ros2 param set``."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from lowsnr_common.ros.connections import wait_for_readers
-from lowsnr_common.ros.lifecycle import SteadyLifecycleNode
 from lowsnr_common.settings.flat_values import changed
 from lowsnr_common.settings.flat_values import flat_values
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.lifecycle import LifecycleNode
+from rclpy.lifecycle import LifecycleState
+from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
 
 _EVENTS, _KNOWN_WITHIN_S = '/parameter_events', 1.0
+
+
+class SteadyLifecycleNode(LifecycleNode):  # type: ignore[misc]
+    """
+    A lifecycle node that logs why a transition failed, and rejects those it cannot make.
+
+    A node of rclpy itself ends when it is asked for a transition that its state does not allow,
+    and logs no reason when a transition fails.
+    """
+
+    def __init__(self, name: str, **kwargs: Any) -> None:
+        for transition in ('on_configure', 'on_activate', 'on_deactivate'):
+            setattr(self, transition, self._explained(getattr(self, transition)))
+        super().__init__(name, **kwargs)
+
+    def _explained(
+        self, make: Callable[[LifecycleState], TransitionCallbackReturn],
+    ) -> Callable[[LifecycleState], TransitionCallbackReturn]:
+        def explained(state: LifecycleState) -> TransitionCallbackReturn:
+            try:
+                return make(state)
+            except (OSError, RuntimeError, ValueError) as error:
+                self.get_logger().error(' '.join(str(error).split()))
+                return TransitionCallbackReturn.FAILURE
+        return explained
+
+    # The service calls this private method; rclpy has no other hook.
+    def _LifecycleNodeMixin__on_change_state(self, request: Any, response: Any) -> Any:
+        try:
+            return super()._LifecycleNodeMixin__on_change_state(request, response)
+        except RuntimeError:
+            label = self._state_machine.current_state[1]
+            self.get_logger().warning(
+                f'rejected a request for a transition that the state {label} does not allow')
+            response.success = False
+            return response
 
 
 class SettingsNode(SteadyLifecycleNode):
     """
     A lifecycle node whose parameters are settings.
 
-    A subclass that takes some while it runs declares them so, keeps the instances in
+    A subclass with settings that may change declares them as live, keeps the instances in
     ``self.live``, and overrides :meth:`on_set`.
     """
 
@@ -27,7 +66,7 @@ class SettingsNode(SteadyLifecycleNode):
         self.live: tuple[Any, ...] = ()
 
     def complete(self, values: dict[str, Any]) -> dict[str, Any]:
-        """Return what is to be set with these values; ValueError for what must not be."""
+        """Return these values and those that change with them; ValueError for a wrong one."""
         return values
 
     def on_set(self) -> None:
@@ -35,9 +74,9 @@ class SettingsNode(SteadyLifecycleNode):
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
         """
-        Set all of the parameters, or none of them, with the reason in one line.
+        Set all parameters, or none and return the reason in one line.
 
-        The parameter services call this, whether they set one or many.
+        The parameter services call this for one parameter and for many.
         """
         try:
             live, parameters = self._checked(parameter_list)
@@ -50,7 +89,8 @@ class SettingsNode(SteadyLifecycleNode):
                 f'{name} = {new} (was {old})' for name, old, new in self._differences(live)))
             self.live = live
             self.on_set()
-            # Only then is it said to be set: whoever starts the node again must know it.
+            # Answer only once bring-up has received the event: it gives the value to the node
+            # again if the node dies and is restarted.
             wait_for_readers(
                 (each for each in self.publishers if each.topic_name == _EVENTS), _KNOWN_WITHIN_S)
         return result

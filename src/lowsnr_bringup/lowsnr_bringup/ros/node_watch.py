@@ -1,0 +1,80 @@
+"""What bring-up prints about nodes while a run goes on: faults of a camera, changes of state."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from dataclasses import field
+import time
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from lowsnr_bringup.run.processes import notify
+from lowsnr_common.ros.diagnostics import faults_of
+
+# A fault that has not been reported for this long counts as a new one.
+_NEW_AFTER_S = 60.0
+_ACTIVE = 'active'
+# States that last; a node is in the others for the time of a transition.
+_PRIMARY = ('unconfigured', 'inactive', _ACTIVE)
+
+
+@dataclass
+class CameraWatch:
+    """
+    Prints each fault of the node that receives the camera's frames once, and when frames return.
+
+    A fault is the same while its subject and reason are.
+    """
+
+    clock: Callable[[], float] = time.monotonic
+    _seen_s: dict[str, float] = field(default_factory=dict)
+    _failing: bool = False
+
+    def update(self, status: DiagnosticStatus) -> None:
+        """Take the node's newest status."""
+        now_s, failing = self.clock(), status.level == DiagnosticStatus.ERROR
+        if self._failing and not failing:
+            notify('frames come again')
+            self._seen_s.clear()
+        self._failing = failing
+        for key, sentence in faults_of(status).items():
+            if now_s - self._seen_s.get(key, -_NEW_AFTER_S) >= _NEW_AFTER_S:
+                notify(sentence)
+            self._seen_s[key] = now_s
+
+
+@dataclass
+class StateWatch:
+    """
+    Prints when a node that was active changes its state, which bring-up never asks for in a run.
+
+    A process that has not been active yet is starting: its states are of no interest.
+    """
+
+    _states: dict[tuple[str, str], str] = field(default_factory=dict)
+
+    def update(self, label: str, path: str, process: str, state: str) -> None:
+        """
+        Take the newest state of a node.
+
+        Parameters
+        ----------
+        label, path
+            Name of the node for people, and its full name.
+        process
+            Its process id.
+        state
+            Label of its lifecycle state.
+
+        """
+        before = self._states.get((path, process), '')
+        if state not in _PRIMARY or state == before or (not before and state != _ACTIVE):
+            return
+        self._states[path, process] = state
+        if state != _ACTIVE:
+            steps = 'configure, and then activate' if state == 'unconfigured' else 'activate'
+            notify(
+                f'{label} is {state}, which bring-up did not ask for: it answers nothing until '
+                f'it is active again (ros2 lifecycle set {path} {steps})')
+        elif before:
+            notify(f'{label} is active again')

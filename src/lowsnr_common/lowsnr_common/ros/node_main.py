@@ -1,0 +1,56 @@
+"""The process of a managed node: from its start to its exit status."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import sys
+
+from lowsnr_common.core.process_setup import end_with_starter
+from lowsnr_common.core.process_setup import FAILED
+from lowsnr_common.core.process_setup import keep_freed_memory
+from lowsnr_common.core.process_setup import SHUT_DOWN
+from lowsnr_common.core.process_setup import TERMINATED
+from lowsnr_common.core.process_setup import USAGE_ERROR
+from lowsnr_common.ros.managed_node import ManagedNode
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from rclpy.executors import SingleThreadedExecutor
+
+
+def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> None:
+    """
+    Start ROS, spin one node, and end when it is done, by Ctrl-C or by SIGTERM.
+
+    The exit status is 0 for a node that is done, 1 for one that cannot become active, 2 after
+    one line about a setting out of its bounds, 3 for a node that was shut down through its
+    lifecycle, and 143 after SIGTERM.
+    """
+    end_with_starter()
+    keep_freed_memory()
+    rclpy.init(args=args)
+    node = None
+    try:
+        node = make_node()
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        if not node.autostart():
+            sys.exit(FAILED)
+        executor.spin()
+    except ValueError as error:
+        if node is not None:
+            raise
+        print(error, file=sys.stderr)
+        sys.exit(USAGE_ERROR)
+    except KeyboardInterrupt:
+        return
+    except ExternalShutdownException:
+        pass
+    except RuntimeError:
+        if rclpy.ok():  # otherwise SIGTERM came while something was being published
+            raise
+    finally:
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+    if node is None or not node.done:
+        sys.exit(SHUT_DOWN if node is not None and node.shut_down else TERMINATED)
