@@ -17,7 +17,7 @@ from rclpy.parameter import Parameter
 _EVENTS, _KNOWN_WITHIN_S = '/parameter_events', 1.0
 
 
-class SteadyLifecycleNode(LifecycleNode):  # type: ignore[misc]
+class SteadyLifecycleNode(LifecycleNode):
     """
     A lifecycle node that logs why a transition failed, and rejects those it cannot make.
 
