@@ -94,7 +94,7 @@ class Supervisor:
         with tqdm(
             desc='starting', total=self._frames, unit=' frames', disable=None,
         ) as self._bar:
-            self._manager = Manager(self._nodes, self._check, self._on_scored)
+            self._manager = Manager(self._group, self._nodes, self._check, self._on_scored)
             try:
                 self._follow()
                 self._end(_ACTIVATE_WITHIN_S)
@@ -113,7 +113,6 @@ class Supervisor:
     def _follow(self) -> None:
         """Activate the nodes, and wait until the source is done and its frames are scored."""
         self._manager.change(CONFIGURE, self._nodes, _START_WITHIN_S)
-        self._manager.wait_for_evaluator()
         for node in self._nodes:
             self._manager.change(ACTIVATE, [node], _ACTIVATE_WITHIN_S)
         if self._respawn:

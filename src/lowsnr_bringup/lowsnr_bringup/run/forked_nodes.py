@@ -99,7 +99,7 @@ class NodeServer:
         module, arguments, environment
             Those of the new process.
         log, lifeline
-            File descriptors: of its output, and of the pipe that closes with bring-up.
+            File descriptors: of its output, and of its end of the line to bring-up.
 
         Raises
         ------
