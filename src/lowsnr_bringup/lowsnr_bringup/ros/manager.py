@@ -16,6 +16,7 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.msg import TransitionEvent
 from lowsnr_bringup.plan.graph import Node as GraphNode
 from lowsnr_bringup.ros.bringup_node import bringup_node
+from lowsnr_bringup.ros.domain_guard import DomainGuard
 from lowsnr_bringup.ros.node_watch import StateWatch
 from lowsnr_bringup.run.processes import ProcessGroup
 from lowsnr_common.core.line import Line
@@ -84,6 +85,7 @@ class Manager:
         self._answers: dict[Line, TransitionEvent] = {}
         self._within = ExitStack()
         self._node = self._within.enter_context(bringup_node())
+        self.guard = DomainGuard(self._node, (node.path for node in nodes))
         self._restarts = self._node.create_publisher(DiagnosticArray, RESTARTS, reliable(100))
         self.published, self.newest_ns, self._timeline = 0, -1, Timeline()
         self.restarted: Counter[str] = Counter()
