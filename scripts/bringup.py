@@ -189,7 +189,9 @@ def report(folder: Path) -> None:
 
 def say(text: str) -> None:
     """Print one line for the user, apart from the table of scores."""
-    print(f'bringup.py: {text}', file=sys.stderr)
+    from lowsnr_common.settings.text import printable_lines
+
+    print(f'bringup.py: {printable_lines(text)}', file=sys.stderr)
 
 
 if __name__ == '__main__':

@@ -23,6 +23,7 @@ from lowsnr_common.core.line import Line
 from lowsnr_common.core.process_setup import LIFELINE
 from lowsnr_common.core.process_setup import SHUT_DOWN
 from lowsnr_common.core.process_setup import TERMINATED
+from lowsnr_common.settings.text import printable_lines
 from tqdm import tqdm
 
 _TERM_WITHIN_S = 2.0
@@ -202,4 +203,4 @@ def _wait(members: Iterable[NodeProcess], seconds: float) -> bool:
 
 def notify(text: str) -> None:
     """Print a line above the progress bar."""
-    tqdm.write(f'bringup.py: {text}', file=sys.stderr)
+    tqdm.write(f'bringup.py: {printable_lines(text)}', file=sys.stderr)

@@ -11,6 +11,7 @@ from lowsnr_common.ros.bringup_line import BringupLine
 from lowsnr_common.ros.bringup_line import PARAMETERS
 from lowsnr_common.settings.flat_values import changed
 from lowsnr_common.settings.flat_values import flat_values
+from lowsnr_common.settings.text import one_line
 from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.lifecycle import LifecycleNode
@@ -39,7 +40,7 @@ class SteadyLifecycleNode(LifecycleNode):
             try:
                 return make(state)
             except (OSError, RuntimeError, ValueError) as error:
-                self.get_logger().error(' '.join(str(error).split()))
+                self.get_logger().error(one_line(error))
                 return TransitionCallbackReturn.FAILURE
         return explained
 
@@ -90,7 +91,7 @@ class SettingsNode(SteadyLifecycleNode):
         try:
             live, parameters = self._checked(parameter_list)
         except ValueError as error:
-            self.get_logger().warning(f'not set: {error}')
+            self.get_logger().warning(f'not set: {one_line(error)}')
             return SetParametersResult(successful=False, reason=str(error))
         result = super().set_parameters_atomically(parameters)
         if result.successful and live != self.live:
