@@ -18,6 +18,7 @@ from lowsnr_bringup.plan.graph import Node as GraphNode
 from lowsnr_bringup.ros.bringup_node import bringup_node
 from lowsnr_bringup.ros.domain_guard import DomainGuard
 from lowsnr_bringup.ros.node_watch import StateWatch
+from lowsnr_bringup.ros.node_watch import StrangerWatch
 from lowsnr_bringup.run.processes import ProcessGroup
 from lowsnr_common.core.line import Line
 from lowsnr_common.core.records import Malformed
@@ -93,6 +94,9 @@ class Manager:
         self._active: dict[str, str] = {}  # process by node
         self.statuses: dict[str, DiagnosticStatus] = {}  # the newest of each active node
         self._state_watch: StateWatch | None = StateWatch()
+        self._strangers = StrangerWatch()
+        # The faults of a camera are printed with all others of its node.
+        self._cameras = {node.path for node in nodes if node.live}
         self._changed: dict[str, dict[str, Any]] = {}  # parameters set while it ran, by node
 
     def expect_changes(self) -> None:
@@ -194,5 +198,7 @@ class Manager:
             if state == 'active':
                 self._active[status.name] = process
                 self.statuses[status.name] = status
+            if status.name not in self._cameras:
+                self._strangers.update(status)
             if self._state_watch:
                 self._state_watch.update(label, status.name, process, state)
