@@ -109,9 +109,10 @@ class Curve:
 
 def curve_from_record(record: Mapping[str, Any]) -> Curve:
     """Return the curve that a record of :meth:`Curve.record` holds."""
-    return Curve(**{
+    values: dict[str, Any] = {
         name: tuple(value) if isinstance(value, list) else value
-        for name, value in record.items()})
+        for name, value in record.items()}
+    return Curve(**values)
 
 
 def part_prob(prob: float, shape: tuple[int, int], part: tuple[int, int]) -> float:
