@@ -14,21 +14,21 @@ class BringupEnd:
     def __init__(self, node):
         ours, theirs = socket.socketpair()
         ours.setblocking(False)
-        self._line, self._said = Line(ours), []
+        self.line, self._said = Line(ours), []
         node.bringup.connect(StarterLine(Line(theirs)))
 
     def __enter__(self):
         return self
 
     def __exit__(self, *_):
-        self._line.close()
+        self.line.close()
 
     def say(self, subject, message):
         """Send the node a message."""
-        self._line.send(subject, serialize_message(message))
+        self.line.send(subject, serialize_message(message))
 
     def heard(self, subject, kind):
         """Return the messages about a subject that the node has sent so far."""
-        while found := self._line.receive():
+        while found := self.line.receive():
             self._said += found
         return [deserialize_message(data, kind) for name, data in self._said if name == subject]

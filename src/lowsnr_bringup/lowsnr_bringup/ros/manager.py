@@ -11,7 +11,6 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
-from lifecycle_msgs.msg import State
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.msg import TransitionEvent
 from lowsnr_bringup.plan.graph import Node as GraphNode
@@ -19,6 +18,7 @@ from lowsnr_bringup.ros.bringup_node import bringup_node
 from lowsnr_bringup.ros.domain_guard import DomainGuard
 from lowsnr_bringup.ros.node_watch import StateWatch
 from lowsnr_bringup.ros.node_watch import StrangerWatch
+from lowsnr_bringup.ros.transition import PendingTransition
 from lowsnr_bringup.run.processes import ProcessGroup
 from lowsnr_common.core.line import Line
 from lowsnr_common.core.records import Malformed
@@ -43,9 +43,6 @@ from rosgraph_msgs.msg import Clock
 CONFIGURE = Transition.TRANSITION_CONFIGURE
 ACTIVATE = Transition.TRANSITION_ACTIVATE
 DEACTIVATE = Transition.TRANSITION_DEACTIVATE
-_TARGETS = {
-    CONFIGURE: State.PRIMARY_STATE_INACTIVE, ACTIVATE: State.PRIMARY_STATE_ACTIVE,
-    DEACTIVATE: State.PRIMARY_STATE_INACTIVE}
 
 
 class GraphFailure(Exception):
@@ -83,7 +80,7 @@ class Manager:
             SCORED: (DiagnosticArray, self._count), DATA_TIME: (Clock, self._on_clock),
             STATUS: (DiagnosticArray, self._on_diagnostics),
             PARAMETERS: (ParameterEvent, self._on_parameters)}
-        self._answers: dict[Line, TransitionEvent] = {}
+        self._pending: dict[Line, PendingTransition] = {}
         self._within = ExitStack()
         self._node = self._within.enter_context(bringup_node())
         self.guard = DomainGuard(self._node, (node.path for node in nodes))
@@ -112,6 +109,12 @@ class Manager:
         self._take(seconds)
         self._check()
 
+    def request(self, node: GraphNode, transition: int) -> PendingTransition:
+        """Ask the process of a node for a transition."""
+        line = next(each.line for each in self._group.members if each.node == node)
+        self._pending[line] = PendingTransition(line, transition)
+        return self._pending[line]
+
     def change(self, transition: int, nodes: Iterable[GraphNode], within_s: float) -> None:
         """
         Ask nodes for a transition, all at once, and wait until they have made it.
@@ -122,26 +125,25 @@ class Manager:
             If a node refuses or does not answer in time.
 
         """
-        until, wanted = time.monotonic() + within_s, set(nodes)
-        waiting = {each.line: each.node for each in self._group.members if each.node in wanted}
-        for line in waiting:
-            line.send(CHANGE_STATE, serialize_message(Transition(id=transition)))
+        until = time.monotonic() + within_s
+        waiting = {node: self.request(node, transition) for node in nodes}
         while waiting:
             self.spin(0.02)
-            for line in [*waiting.keys() & self._answers.keys()]:
-                answer = self._answers.pop(line)
-                if answer.goal_state.id != _TARGETS[transition]:
-                    raise GraphFailure(f'{waiting[line].label} rejected a change of its state')
-                del waiting[line]
+            for node, pending in list(waiting.items()):
+                if (made := pending.poll()) is False:
+                    raise GraphFailure(f'{node.label} rejected a change of its state')
+                if made:
+                    del waiting[node]
             if waiting and time.monotonic() > until:
                 raise GraphFailure(
-                    f'{next(iter(waiting.values())).label} did not answer within {within_s:g} s')
+                    f'{next(iter(waiting)).label} did not answer within {within_s:g} s')
 
     def _take(self, within_s: float = 0.0) -> None:
         """Wait for what the nodes say, for at most so long [s], and take it."""
         for line, subject, data in self._group.lines.heard(within_s):
             if subject == CHANGE_STATE:
-                self._answers[line] = deserialize_message(data, TransitionEvent)
+                if pending := self._pending.pop(line, None):
+                    pending.answer(deserialize_message(data, TransitionEvent))
             else:
                 kind, handler = self._handlers[subject]
                 handler(deserialize_message(data, kind))

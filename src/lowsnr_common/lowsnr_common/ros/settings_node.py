@@ -55,7 +55,6 @@ class SteadyLifecycleNode(LifecycleNode):
             response.success = False
             return response
 
-
     def change_state(self, transition: Transition) -> None:
         """Make a transition as the service does: one that the state does not allow is rejected."""
         self._LifecycleNodeMixin__on_change_state(

@@ -20,11 +20,11 @@ _NO_VALUE = (
 
 
 def printable(text: object) -> str:
-    """
+    r"""
     Return a text from outside as it is shown to people: in one line, nothing in it acts.
 
     Line breaks, terminal escapes, marks that change the direction of writing and all else that
-    does not print is shown as Python writes it: ``\\n``, ``\\x1b``, ``\\u202e``.
+    does not print is shown as Python writes it: ``\n``, ``\x1b``, ``\u202e``.
     """
     return ''.join(
         each if each.isprintable() else each.encode('unicode_escape').decode()
