@@ -98,7 +98,7 @@ def _check_limits() -> None:
                     f'limit, as with ulimit -n {OPEN_FILES}', 2)
     if soft != resource.RLIM_INFINITY and soft < OPEN_FILES:
         resource.setrlimit(resource.RLIMIT_NOFILE, (OPEN_FILES, hard))
-    os.umask(os.umask(0o077) | 0o002)
+    os.umask(os.umask(0o077) | 0o022)
 
 
 def _prepend(variable: str, paths: 'list[str]') -> None:

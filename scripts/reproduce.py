@@ -81,6 +81,10 @@ def reproduce(arguments: list[str]) -> int:
     except ValueError as error:
         print(f'reproduce.py: {error}', file=sys.stderr)
         return USAGE
+    except OSError as error:
+        print(f'reproduce.py: {error.filename or options.results}: {error.strerror or error}; '
+              'finished runs are kept, --resume continues', file=sys.stderr)
+        return FAILED
 
 
 def check(options: argparse.Namespace) -> None:
@@ -128,7 +132,7 @@ def run(
     from lowsnr_eval.report.study_report import claims_markdown
     from lowsnr_eval.study.reproduction import calibrate_all
     from lowsnr_eval.study.study_folder import open_folder
-    folders = [open_folder(options.results / study.example.scenario, study, options.resume)
+    folders = [open_folder(options.results / study.example.scenario, study, options.resume, log)
                for study in studies]
     claims: list[dict[str, Any]] = []
 
