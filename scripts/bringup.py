@@ -134,9 +134,9 @@ def run(plan: 'RunPlan', folder: Path, server: 'NodeServer') -> int:
     """Start the graph, wait for its end, and present what it scored; return the exit code."""
     from lowsnr_bringup.ros.supervisor import Supervisor
 
-    patience_s = plan.parameters['/evaluator']['answer_within_s'] + 2.0
     supervisor = Supervisor(
-        plan.nodes, folder, plan.frames, patience_s, plan.respawn, server=server)
+        plan.nodes, folder, plan.frames, plan.parameters['/evaluator']['answer_within_s'],
+        plan.respawn, server=server)
     status, trouble = supervisor.run()
     present(plan, folder, supervisor.account, trouble)
     return status

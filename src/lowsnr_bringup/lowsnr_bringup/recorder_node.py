@@ -77,12 +77,9 @@ class RecorderNode(ManagedNode):
         Publishers wait until they have found the subscriptions of this node, but a subscription
         may find its publisher later, and loses messages until then.  A camera does not wait.
         """
-        until = time.monotonic() + _READY_WITHIN_S
-        while missing := self._not_received():
-            if time.monotonic() > until:
-                self.get_logger().error(f'{missing}: the recorder does not receive it')
-                return TransitionCallbackReturn.FAILURE
-            time.sleep(0.01)
+        if missing := self.wait(self._not_received, _READY_WITHIN_S):
+            self.get_logger().error(f'{missing}: the recorder does not receive it')
+            return TransitionCallbackReturn.FAILURE
         if self.settings.live and not self.settings.lives:
             self._wait_for_camera()
         return super().on_activate(state)

@@ -37,7 +37,6 @@ from rosgraph_msgs.msg import Clock
 CONFIGURE = Transition.TRANSITION_CONFIGURE
 ACTIVATE = Transition.TRANSITION_ACTIVATE
 DEACTIVATE = Transition.TRANSITION_DEACTIVATE
-_EVALUATOR_WITHIN_S = 30.0
 
 
 class GraphFailure(Exception):
@@ -84,6 +83,7 @@ class Manager:
             self._followed.append(self._node.create_subscription(
                 Clock, 'clock', self._on_clock, reliable(10_000)))
         self._labels = {node.path: node.label for node in nodes}
+        self.heard: dict[str, tuple[str, float]] = {}  # process and time of the last sign
         self._active: dict[str, str] = {}  # process by node
         self.statuses: dict[str, DiagnosticStatus] = {}  # the newest of each active node
         self._state_watch: StateWatch | None = StateWatch()
@@ -102,43 +102,43 @@ class Manager:
         """Leave ROS."""
         self._within.close()
 
-    def wait_for_evaluator(self) -> None:
-        """Wait until this manager and the evaluator have discovered each other."""
-        until = time.monotonic() + _EVALUATOR_WITHIN_S
-        while not self._scored.get_publisher_count():
-            if time.monotonic() > until:
-                raise GraphFailure(
-                    f'the evaluator was not discovered within {_EVALUATOR_WITHIN_S:g} s')
-            self.spin(0.01)
+    def hears_evaluator(self) -> bool:
+        """Return whether this manager has discovered the evaluator."""
+        return bool(self._scored.get_publisher_count())
 
     def spin(self, seconds: float) -> None:
         """Take messages for a while, then check."""
         self._executor.spin_once(timeout_sec=seconds)
         self._check()
 
-    def change(self, transition: int, nodes: Iterable[GraphNode], within_s: float) -> None:
+    def hear(self, path: str, process: str) -> None:
+        """Note a sign of life of a process of a node: a report, or an answer."""
+        self.heard[path] = process, time.monotonic()
+
+    def request(self, node: GraphNode, transition: int) -> PendingTransition:
+        """Ask a node for a transition."""
+        return PendingTransition(*self._services[node], transition)
+
+    def change(
+        self, node: GraphNode, transition: int, within_s: float,
+        runs: Callable[[], bool] = lambda: True,
+    ) -> None:
         """
-        Ask nodes for a transition, all at once, and wait until they have made it.
+        Ask a node for a transition, and wait until it has made it or does not run any more.
 
         Raises
         ------
         GraphFailure
-            If a node refuses or does not answer in time.
+            If the node rejects it or does not answer in time.
 
         """
-        until = time.monotonic() + within_s
-        waiting = {node: PendingTransition(*self._services[node], transition) for node in nodes}
-        while waiting:
-            for node, pending in list(waiting.items()):
-                if (made := pending.poll()) is False:
-                    raise GraphFailure(f'{node.label} rejected a change of its state')
-                if made:
-                    del waiting[node]
-            if waiting and time.monotonic() > until:
-                raise GraphFailure(
-                    f'{next(iter(waiting)).label} did not answer within {within_s:g} s')
-            if waiting:
-                self.spin(0.02)
+        until, pending = time.monotonic() + within_s, self.request(node, transition)
+        while (made := pending.poll()) is None and runs():
+            if time.monotonic() > until:
+                raise GraphFailure(f'{node.label} did not answer within {within_s:g} s')
+            self.spin(0.02)
+        if made is False:
+            raise GraphFailure(f'{node.label} rejected a change of its state')
 
     def is_active(self, node: GraphNode, process: int) -> bool:
         """Return whether a process of a node has reported that it is active."""
@@ -187,6 +187,7 @@ class Manager:
             if (label := self._labels.get(status.name)) is None:
                 continue
             process, state = values.get('process', ''), values.get('state', '')
+            self.hear(status.name, process)
             if state == 'active':
                 self._active[status.name] = process
                 self.statuses[status.name] = status
