@@ -176,3 +176,14 @@ def test_a_silent_node_is_named_once_and_when_it_reports_again(capsys):
     assert len(lines) == 2
     assert all(' tracker ' in line for line in lines)
     assert 'computes' in lines[0]
+
+
+def test_a_node_that_hangs_is_named_once_for_each_way(capsys):
+    bench = Bench(10.0)
+    bench.report()
+    for _ in range(40):
+        bench.now_s += LOOKS_S
+        for member, how in bench.watch.update([bench.member], bench.heard).items():
+            bench.watch.name(member, how, '')
+    line, = capsys.readouterr().err.splitlines()
+    assert STOOD_STILL in line

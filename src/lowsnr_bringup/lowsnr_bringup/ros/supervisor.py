@@ -139,23 +139,24 @@ class Supervisor:
         """
         self._check_enabled = False
         self._manager.expect_changes()
-        dead = {member.node for member in self._group.dead()} | self._respawner.away
+        known = self._respawner.away | set(self._missed)
+        dead = {member.node for member in self._group.dead()} | known
         recorders = [node for node in self._nodes if node.name == 'recorder']
         others = [node for node in reversed(self._nodes) if node not in recorders]
-        for node in others + recorders:
-            if node not in dead:
-                self._deactivate(self._group.member(node), within_s)
+        for member in map(self._group.member, others + recorders):
+            if member.node not in dead:
+                self._deactivate(member, within_s)
+            if member.process.poll() and member.node not in known:
+                notify(f'while stopping: {member.node.label} {member.death()}')
 
     def _deactivate(self, member: NodeProcess, within_s: float) -> None:
-        """Deactivate a node, also one that was stopped; print why not if it cannot be."""
+        """Deactivate a node, also one that was stopped, and print why if that fails."""
         member.process.send_signal(signal.SIGCONT)
         try:
             self._manager.change(
                 member.node, DEACTIVATE, within_s, lambda: member.process.poll() is None)
         except GraphFailure as error:
             notify(f'while stopping: {error}')
-        if member.process.poll():
-            notify(f'while stopping: {member.node.label} {member.death()}')
 
     _check_enabled = True
 
@@ -184,7 +185,7 @@ class Supervisor:
                 member.kill(how)
             else:
                 self._hang_watch.name(
-                    member, f'{how}; only --respawn would have bring-up start it again')
+                    member, how, '; only with --respawn does bring-up start it again')
 
     def _watch_camera(self) -> None:
         """Print the faults that the node nearest to the camera reports."""

@@ -28,6 +28,9 @@ _LONGEST_LOOK_S = 2.0 * _LOOK_EVERY_S
 _LEAST_S = 4.0
 # A calibration or a compilation may take long, but not longer than this.
 _MOST_SILENT_S = 600.0
+# Time beyond which a silent node that does not hang is named: its main thread may have been
+# scheduled for the last time a look after its last report.
+_MARGIN_S = 2.0
 _RUNNING = 'RD'  # running or waiting for a processor; waiting for a disk
 STOOD_STILL, NEVER_REPORTED, SILENT = 'stood still', 'never reported', 'reported nothing'
 
@@ -121,7 +124,7 @@ class HangWatch:
     clock: Callable[[], float] = time.monotonic
     _looked_s: float = -_LONGEST_LOOK_S
     _pulses: dict[int, Pulse] = field(default_factory=dict)
-    _named: set[int] = field(default_factory=set)
+    _named: dict[int, str] = field(default_factory=dict)  # what was printed, by process
 
     def update(
         self, members: Iterable[NodeProcess], heard: Mapping[str, tuple[str, float]],
@@ -151,7 +154,7 @@ class HangWatch:
             pid = member.process.pid
             if member.process.poll() is not None:
                 self._pulses.pop(pid, None)
-                self._named.discard(pid)
+                self._named.pop(pid, None)
                 continue
             pulse = self._pulses.setdefault(pid, Pulse(max(_LEAST_S, self.within_s)))
             process, heard_s = heard.get(member.node.path, ('', -1.0))
@@ -161,20 +164,20 @@ class HangWatch:
                 pulse.look(self.look(pid), min(now_s - last_s, _LONGEST_LOOK_S))
                 if pulse.hangs:
                     hanging[member] = f'{pulse.hangs} for {pulse.silent_s:.0f} s'
-                elif pulse.silent_s > pulse.within_s:
+                elif pulse.silent_s > pulse.within_s + _MARGIN_S:
                     does = 'computes' if pulse.idle_s < pulse.silent_s / 2.0 else 'runs'
-                    self.name(member, f'has reported nothing for {pulse.silent_s:.0f} s, but its '
-                              f'process {does}: bring-up waits for it')
+                    self.name(member, f'{SILENT} for {pulse.silent_s:.0f} s',
+                              f', but its process {does}: bring-up waits for it')
         return hanging
 
-    def name(self, member: NodeProcess, text: str) -> None:
-        """Print something about a node, once until it reports again."""
-        if member.process.pid not in self._named:
-            self._named.add(member.process.pid)
-            notify(f'{member.node.label} {text}')
+    def name(self, member: NodeProcess, how: str, more: str) -> None:
+        """Print how a node hangs, and more; once, until it reports again."""
+        pid, kind = member.process.pid, self._pulses[member.process.pid].hangs
+        if self._named.get(pid) != kind:
+            self._named[pid] = kind
+            notify(f'{member.node.label} {how}{more}')
 
     def _on_report(self, member: NodeProcess, pulse: Pulse) -> None:
-        if member.process.pid in self._named:
-            self._named.discard(member.process.pid)
+        if self._named.pop(member.process.pid, None) is not None:
             notify(f'{member.node.label} reports again after {pulse.silent_s:.0f} s')
         pulse.report()
