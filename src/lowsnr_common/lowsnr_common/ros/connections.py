@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from collections.abc import Iterable
 from collections.abc import Mapping
 import time
@@ -21,6 +22,7 @@ OTHER_TYPE, OTHER_QOS = 'other type', 'incompatible qos'
 # Names in one line.
 _MOST_NAMES = 5
 _ACKNOWLEDGED_WITHIN_S, _PIECE_S = 10.0, 0.5
+_LOOK_EVERY_S = 0.005
 
 
 def missing_peer(outputs: Mapping[Any, int], inputs: Iterable[Any]) -> str:
@@ -45,6 +47,37 @@ def missing_peer(outputs: Mapping[Any, int], inputs: Iterable[Any]) -> str:
         if not subscription.get_publisher_count():
             return f'{subscription.topic_name}: nobody publishes it'
     return ''
+
+
+def wait_while(missing: Callable[[], str], within_s: float, report: Callable[[], None]) -> str:
+    """
+    Wait within a transition of a node until nothing is missing.
+
+    Parameters
+    ----------
+    missing
+        Returns what is missing, in one line; nothing if all is there.
+    within_s
+        Longest wait [s].
+    report
+        Called once a second, because no timer of the node runs meanwhile.
+
+    Returns
+    -------
+    str
+        What is still missing after that time.
+
+    """
+    start_s = reported_s = time.monotonic()
+    while lacking := missing():
+        now_s = time.monotonic()
+        if now_s - start_s > within_s:
+            break
+        if now_s - reported_s > 1.0:
+            reported_s = now_s
+            report()
+        time.sleep(_LOOK_EVERY_S)
+    return lacking
 
 
 def wait_for_readers(

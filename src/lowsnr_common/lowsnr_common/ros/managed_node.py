@@ -14,6 +14,7 @@ from lowsnr_common.core.timeline import StampOrder
 from lowsnr_common.core.timeline import Timeline
 from lowsnr_common.ros.connections import missing_peer
 from lowsnr_common.ros.connections import output_faults
+from lowsnr_common.ros.connections import wait_while
 from lowsnr_common.ros.diagnostics import Fault
 from lowsnr_common.ros.diagnostics import Health
 from lowsnr_common.ros.inputs import Input
@@ -28,7 +29,7 @@ from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.qos import QoSProfile
 from rclpy.timer import Timer
 
-_PEERS_WITHIN_S, _THROTTLE_S, _REPORT_EVERY_S = 20.0, 5.0, 1.0
+_PEERS_WITHIN_S, _THROTTLE_S = 20.0, 5.0
 _REPEATS, _REPEATED_S = 40, 0.05
 # Time for the answer to a request for shutdown to arrive.
 _ANSWERED_AFTER_S = 0.2
@@ -58,7 +59,7 @@ class ManagedNode(SettingsNode):
         self.broken = ''  # what keeps the node from its work, in one line
         self._quiet_until = 0.0
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        self._diagnostics_timer = self.create_timer(_REPORT_EVERY_S, self.report)
+        self._diagnostics_timer = self.create_timer(1.0, self.report)
 
     def create_timer(
         self, timer_period_sec: float, callback: Callable[[], None], **kwargs: Any,
@@ -69,7 +70,7 @@ class ManagedNode(SettingsNode):
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Wait for the peers, then become active."""
-        if missing := self.wait(self._missing, _PEERS_WITHIN_S):
+        if missing := wait_while(self._missing, _PEERS_WITHIN_S, self.report):
             self.get_logger().error('; '.join([missing, *map(str, self._lasting_faults())]))
             return TransitionCallbackReturn.FAILURE
         self.active = True
@@ -77,34 +78,6 @@ class ManagedNode(SettingsNode):
             each.begin()
         self._report_soon()
         return super().on_activate(state)
-
-    def wait(self, missing: Callable[[], str], within_s: float) -> str:
-        """
-        Wait within a transition until nothing is missing; report meanwhile, as no timer does.
-
-        Parameters
-        ----------
-        missing
-            Returns what is missing, in one line; nothing if all is there.
-        within_s
-            Longest wait [s].
-
-        Returns
-        -------
-        str
-            What is still missing after that time.
-
-        """
-        start_s = reported_s = time.monotonic()
-        while lacking := missing():
-            now_s = time.monotonic()
-            if now_s - start_s > within_s:
-                break
-            if now_s - reported_s > _REPORT_EVERY_S:
-                reported_s = now_s
-                self.report()
-            time.sleep(0.005)
-        return lacking
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Leave all topics, so that the node can be configured again."""
