@@ -81,14 +81,14 @@ def record(folder: Path, options: argparse.Namespace) -> tuple[int, float, float
         rclpy.init()
         publisher = rclpy.create_node('camera').create_publisher(
             Image, TOPIC, reliable(frame_depth(1000, options.side, options.side)))
-        manager.change(CONFIGURE, [node], 60.0)
-        manager.change(ACTIVATE, [node], 30.0)
+        manager.change(node, CONFIGURE, 60.0)
+        manager.change(node, ACTIVATE, 30.0)
         while not publisher.get_subscription_count():
             time.sleep(0.01)
         sent, latest = publish(publisher, options)
         publisher.wait_for_all_acked(Duration(seconds=30))
         ticks = Path(f'/proc/{recorder.process.pid}/stat').read_text().split()[13:15]
-        manager.change(DEACTIVATE, [node], 60.0)
+        manager.change(node, DEACTIVATE, 60.0)
         manager.close()
         rclpy.shutdown()
     return sent, latest, sum(map(int, ticks)) / os.sysconf('SC_CLK_TCK')

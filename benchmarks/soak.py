@@ -2,18 +2,18 @@
 Run the graph for long, with a fault every few seconds, and see what is left of it.
 
 The scenario is empty, so that the share of frames with a declaration is the false-alarm rate that
-the detector was calibrated to.  Faults are drawn from a seed: nodes killed, ended or stopped for
-a while, and a stranger that sends what no node should believe.
+the detector was calibrated to.  Faults are drawn from a seed, all kinds equally often: see
+``test/support/campaign.py``.
 """
 
 import argparse
-from collections import Counter
 from collections.abc import Iterator
 import contextlib
 from dataclasses import dataclass
 from dataclasses import field
 import os
 from pathlib import Path
+import shutil
 import signal
 import statistics
 import sys
@@ -27,10 +27,6 @@ sys.path[:0] = [str(ROOT / 'scripts'), str(ROOT / 'test' / 'support')]
 import _environment  # noqa: E402
 
 DOMAIN = 98
-NODES = ('sensor_node', 'detector_node', 'tracker_node', 'evaluator_node')
-SIGNALS = {'killed': signal.SIGKILL, 'ended': signal.SIGTERM, 'stopped': signal.SIGSTOP}
-TOPICS = ('/image_raw', '/detections', '/tracks')
-BURST = 100
 BLOCK = 200
 WARM_UP_S = 60.0
 # Calibrated are runs of 40 frames from a fresh start, of which SDT with s_m = 5 can declare in 36:
@@ -44,7 +40,6 @@ CALIBRATED_HALF = 0.1 * CALIBRATED
 class Soak:
     """What is seen of a long run."""
 
-    faults: Counter[str] = field(default_factory=Counter)
     # By node: time [s], resident memory [MiB], open files.
     sizes: dict[str, list[tuple[float, float, int]]] = field(default_factory=dict)
     shared: list[tuple[float, int]] = field(default_factory=list)
@@ -54,91 +49,65 @@ def main() -> int:
     """Run, print what was seen, and return 0 where all of it is as it should be."""
     parser = argparse.ArgumentParser(
         description=__doc__.strip().partition('\n')[0], allow_abbrev=False,
-        epilog='example: python benchmarks/soak.py --minutes 30 --seed 0')
-    parser.add_argument('--minutes', type=float, default=30.0, help='length of the run (30)')
-    parser.add_argument('--every', type=float, default=20.0, help='seconds from fault to fault')
+        epilog='example: python benchmarks/soak.py --minutes 60 --seed 0')
+    parser.add_argument('--minutes', type=float, default=60.0, help='length of the run (60)')
+    parser.add_argument('--every', type=float, default=10.0,
+                        help='seconds from fault to fault (10)')
     parser.add_argument('--seed', type=int, default=0, help='seed of the faults (0)')
     parser.add_argument('--results', type=Path, help='folder for the results of the run')
+    parser.add_argument('--without', nargs='*', default=[], help='kinds of faults to leave out')
     options = parser.parse_args()
     _environment.ensure(dev=True)
     os.environ |= {'ROS_DOMAIN_ID': str(DOMAIN), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+    from campaign import Campaign
     from graph_client import GraphClient
     from graph_runs import start_bringup
+    from host_faults import HostFaults
     import numpy as np
 
     with tempfile.TemporaryDirectory() as spare:
         folder = options.results or Path(spare) / 'run'
-        soak = Soak()
+        compiler = shutil.which('cc')
+        host = HostFaults(Path(spare), compiler) if compiler else None
+        before = dict(os.environ)
+        os.environ |= host.environment if host else {}
         with start_bringup(
                 folder, '--detector', 'sdt', '--scenario', 'empty', '--loop', '--lockstep',
                 domain_id=DOMAIN) as run:
+            os.environ.clear()
+            os.environ |= before
             run.wait_for_rows(200, within_s=600.0)
-            with GraphClient(DOMAIN) as stranger:
-                hurt(run, stranger, soak, options, np.random.default_rng(options.seed))
+            soak = Soak()
+            with GraphClient(DOMAIN, topics=()) as client:
+                campaign = Campaign(
+                    run, client, 'sdt', np.random.default_rng(options.seed),
+                    host.set_clock if host else None)
+                hurt(run, campaign, soak, options)
             run.process.send_signal(signal.SIGINT)
             code, out, err = run.finish()
         print(out.partition('P_D:')[0])
-        checks = [*account(run, soak, code, out + err), *flatness(soak), rate(run, np)]
+        checks = [*account(run, code, out + err), *faults(campaign, run), *flatness(soak),
+                  rate(run, np)]
         for good, text in checks:
             print(f'{"ok  " if good else "NOT "} {text}')
         return 0 if all(good for good, _ in checks) else 1
 
 
-def hurt(run: Any, stranger: Any, soak: Soak, options: Any, rng: Any) -> None:
-    """Inject a fault every so often."""
-    import malformed_messages
+def hurt(run: Any, campaign: Any, soak: Soak, options: Any) -> None:
+    """Inject a fault every so often; each kind once before any comes again."""
+    from campaign import KINDS
 
-    for topic in TOPICS:
-        stranger.connect(kind_of(topic), topic)
+    kinds = [kind for kind in KINDS if kind not in options.without]
+    waiting: list[str] = []
     start = time.monotonic()
     due = start + options.every
-    while time.monotonic() < start + 60.0 * options.minutes:
-        stranger.spin(1.0)
+    while time.monotonic() < start + 60.0 * options.minutes and run.process.poll() is None:
+        campaign.client.spin(1.0)
         look(run, soak, time.monotonic() - start)
-        if run.process.poll() is not None:
-            return
         if time.monotonic() >= due:
-            due += options.every
-            what = str(rng.choice([*SIGNALS, 'garbage', 'flood']))
-            if what in SIGNALS:
-                signalled(run, soak, what, str(rng.choice(NODES)), rng)
-            else:
-                lied(stranger, soak, what, str(rng.choice(TOPICS)), malformed_messages, rng)
-
-
-def signalled(run: Any, soak: Soak, what: str, node: str, rng: Any) -> None:
-    """Send a node a signal; a stopped one goes on after one to five seconds."""
-    pid = run.nodes().get(node)
-    if pid is None:  # not back from the last
-        return
-    with contextlib.suppress(ProcessLookupError):
-        os.kill(pid, SIGNALS[what])
-        soak.faults[f'{node} {what}'] += 1
-        if what == 'stopped':
-            time.sleep(float(rng.uniform(1.0, 5.0)))
-            os.kill(pid, signal.SIGCONT)
-
-
-def lied(stranger: Any, soak: Soak, what: str, topic: str, garbage: Any, rng: Any) -> None:
-    """Send messages that are to be refused, or many of an old stamp at once."""
-    kind = kind_of(topic)
-    found = list(garbage.BY_TYPE[kind](rng).items())
-    for number in range(BURST if what == 'garbage' else 50 * BURST):
-        name, message = found[int(rng.integers(len(found)))] if what == 'garbage' else (
-            'old stamp', kind())
-        if what == 'garbage':
-            message.header.stamp = stranger.next_stamp(topic)
-        stranger.send(topic, message, f'{topic} {name}')
-        soak.faults[f'{topic} {what}'] += what == 'garbage' or number == 0
-        if what == 'flood' and number % 100 == 99:
-            time.sleep(0.02)  # 5,000 a second
-
-
-def kind_of(topic: str) -> type:
-    """Return the type of a topic."""
-    from graph_client import SUBSCRIBED
-    kind: type = SUBSCRIBED[topic]
-    return kind
+            due = time.monotonic() + options.every
+            waiting = waiting or [str(kind) for kind in campaign.rng.permutation(kinds)]
+            campaign.inject(waiting.pop())
 
 
 def look(run: Any, soak: Soak, now_s: float) -> None:
@@ -154,27 +123,39 @@ def look(run: Any, soak: Soak, now_s: float) -> None:
         path.stat().st_size for path in Path('/dev/shm').glob('fastrtps_*') if path.exists())))
 
 
-def account(run: Any, soak: Soak, code: int, said: str) -> Iterator[tuple[bool, str]]:
-    """Yield whether every frame is accounted for, and how fast nodes came back."""
-    frames, restarts = run.summary()['frames'], run.restarts()
-    lost = frames['unanswered'] + frames['unseen']
+def account(run: Any, code: int, said: str) -> Iterator[tuple[bool, str]]:
+    """Yield whether every frame is accounted for."""
+    frames = run.summary()['frames']
+    lost = frames.get('lost', 0)
     yield code == 130, f'exit code {code}'
     yield 'Traceback' not in said + ''.join(
         path.read_text() for path in (run.results / 'log').iterdir()), 'no traceback'
-    yield (frames['published'] == frames['scored'] + lost,
-           f'{frames["published"]} frames published: {frames["scored"]} scored, '
-           f'{frames["unanswered"]} unanswered, {frames["unseen"]} unseen')
+    yield (frames['published'] == sum(
+        (frames['scored'], frames['unanswered'], frames['unseen'], lost)),
+        f'{frames["published"]} frames published = {frames["scored"]} scored + '
+        f'{frames["unanswered"]} unanswered + {frames["unseen"]} unseen + {lost} lost')
     yield (len(run.rows()) == 2 * (frames['scored'] + frames['unanswered']),
            'frames.csv has two lines for each that was scored or unanswered')
-    for name, count in sorted(soak.faults.items()):
-        yield True, f'{count:6d} x {name}'
-    yield True, f'{soak.faults.total()} faults'
-    down_s = sorted(float(row['down_s']) for row in restarts)
-    if down_s:
-        yield True, (f'{len(restarts)} restarts, back after {statistics.median(down_s):.2f} s '
-                     f'(median), {down_s[-1]:.2f} s (longest)')
     run.wait_until_none_is_left()
     yield True, 'no process left'
+
+
+def faults(campaign: Any, run: Any) -> Iterator[tuple[bool, str]]:
+    """Yield the faults, and how soon frames were scored again and nodes were back."""
+    for name, count in sorted(campaign.faults.items()):
+        yield True, f'{count:6d} x {name}'
+    yield True, f'{campaign.faults.total()} faults'
+    for kind, seconds in sorted(campaign.recovered_s.items()):
+        yield True, f'{kind}: frames scored again after {spread(seconds)}'
+    down_s = [float(row['down_s']) for row in run.restarts()]
+    if down_s:
+        yield True, f'nodes that died: back after {spread(down_s)}'
+
+
+def spread(seconds: list[float]) -> str:
+    """Return median, longest and number of some times."""
+    return (f'{statistics.median(seconds):.2f} s (median), {max(seconds):.2f} s (longest of '
+            f'{len(seconds)})')
 
 
 def flatness(soak: Soak) -> Iterator[tuple[bool, str]]:

@@ -140,9 +140,9 @@ def run(plan: 'RunPlan', folder: Path, server: 'NodeServer') -> int:
     from lowsnr_bringup.ros.domain_guard import DomainTaken
     from lowsnr_bringup.ros.supervisor import Supervisor
 
-    patience_s = plan.parameters['/evaluator']['answer_within_s'] + 2.0
     supervisor = Supervisor(
-        plan.nodes, folder, plan.frames, patience_s, plan.respawn, server=server)
+        plan.nodes, folder, plan.frames, plan.parameters['/evaluator']['answer_within_s'],
+        plan.respawn, server=server)
     try:
         status, trouble = supervisor.run()
     except DomainTaken as error:

@@ -102,6 +102,25 @@ def test_any_node_may_die_at_any_frame(bringup):
     assert frames['published'] >= float(run.rows()[-1].split(',')[1])  # frame k is at k s
 
 
+def test_nodes_killed_while_the_graph_starts_are_started_again(bringup):
+    rng = np.random.default_rng(4)
+    run = bringup(*LOCKSTEP)
+    for module in rng.permutation(NODES):
+        until = time.monotonic() + 60.0
+        while module not in run.nodes():
+            assert time.monotonic() < until
+            time.sleep(0.005)
+        time.sleep(float(rng.uniform(0.0, 0.2)))
+        run.kill(module)
+        FAULTS[f'{module} killed while the graph starts'] += 1
+    run.wait_for_rows(len(run.rows()) + 40)
+    run.process.send_signal(signal.SIGINT)
+    check_end(run, 130)
+    assert sorted(row['node'] for row in run.restarts()) == sorted(
+        LABELS.get(module, module.removesuffix('_node')) for module in NODES)
+    check_account(run, lost_at_most=len(NODES) + 1)
+
+
 def test_nodes_share_no_memory_that_a_killed_one_could_leave_locked(bringup):
     run = bringup(*LOCKSTEP)
     run.wait_for_rows(20)

@@ -20,6 +20,7 @@ from lowsnr_bringup.ros.recorded_topic import Info
 from lowsnr_bringup.ros.recorded_topic import message_class
 from lowsnr_bringup.ros.recorded_topic import offered_qos
 from lowsnr_bringup.ros.recorded_topic import RecordedTopic
+from lowsnr_common.ros.connections import wait_while
 from lowsnr_common.ros.managed_node import ManagedNode
 from lowsnr_common.ros.node_main import run
 from lowsnr_common.ros.parameters import declare
@@ -77,12 +78,9 @@ class RecorderNode(ManagedNode):
         Publishers wait until they have found the subscriptions of this node, but a subscription
         may find its publisher later, and loses messages until then.  A camera does not wait.
         """
-        until = time.monotonic() + _READY_WITHIN_S
-        while missing := self._not_received():
-            if time.monotonic() > until:
-                self.get_logger().error(f'{missing}: the recorder does not receive it')
-                return TransitionCallbackReturn.FAILURE
-            time.sleep(0.01)
+        if missing := wait_while(self._not_received, _READY_WITHIN_S, self.report):
+            self.get_logger().error(f'{missing}: the recorder does not receive it')
+            return TransitionCallbackReturn.FAILURE
         if self.settings.live and not self.settings.lives:
             self._wait_for_camera()
         return super().on_activate(state)

@@ -88,6 +88,7 @@ class Manager:
         self.published, self.newest_ns, self._timeline = 0, -1, Timeline()
         self.restarted: Counter[str] = Counter()
         self._labels = {node.path: node.label for node in nodes}
+        self.heard: dict[str, tuple[str, float]] = {}  # process and time of the last sign
         self._active: dict[str, str] = {}  # process by node
         self.statuses: dict[str, DiagnosticStatus] = {}  # the newest of each active node
         self._state_watch: StateWatch | None = StateWatch()
@@ -109,34 +110,36 @@ class Manager:
         self._take(seconds)
         self._check()
 
+    def hear(self, path: str, process: str) -> None:
+        """Note a sign of life of a process of a node: a report, or an answer."""
+        self.heard[path] = process, time.monotonic()
+
     def request(self, node: GraphNode, transition: int) -> PendingTransition:
         """Ask the process of a node for a transition."""
-        line = next(each.line for each in self._group.members if each.node == node)
+        line = self._group.member(node).line
         self._pending[line] = PendingTransition(line, transition)
         return self._pending[line]
 
-    def change(self, transition: int, nodes: Iterable[GraphNode], within_s: float) -> None:
+    def change(
+        self, node: GraphNode, transition: int, within_s: float,
+        runs: Callable[[], bool] = lambda: True,
+    ) -> None:
         """
-        Ask nodes for a transition, all at once, and wait until they have made it.
+        Ask a node for a transition, and wait until it has made it or does not run any more.
 
         Raises
         ------
         GraphFailure
-            If a node refuses or does not answer in time.
+            If the node rejects it or does not answer in time.
 
         """
-        until = time.monotonic() + within_s
-        waiting = {node: self.request(node, transition) for node in nodes}
-        while waiting:
+        until, pending = time.monotonic() + within_s, self.request(node, transition)
+        while (made := pending.poll()) is None and runs():
+            if time.monotonic() > until:
+                raise GraphFailure(f'{node.label} did not answer within {within_s:g} s')
             self.spin(0.02)
-            for node, pending in list(waiting.items()):
-                if (made := pending.poll()) is False:
-                    raise GraphFailure(f'{node.label} rejected a change of its state')
-                if made:
-                    del waiting[node]
-            if waiting and time.monotonic() > until:
-                raise GraphFailure(
-                    f'{next(iter(waiting)).label} did not answer within {within_s:g} s')
+        if made is False:
+            raise GraphFailure(f'{node.label} rejected a change of its state')
 
     def _take(self, within_s: float = 0.0) -> None:
         """Wait for what the nodes say, for at most so long [s], and take it."""
@@ -197,6 +200,7 @@ class Manager:
             if (label := self._labels.get(status.name)) is None:
                 continue
             process, state = values.get('process', ''), values.get('state', '')
+            self.hear(status.name, process)
             if state == 'active':
                 self._active[status.name] = process
                 self.statuses[status.name] = status

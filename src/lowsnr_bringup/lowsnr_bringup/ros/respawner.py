@@ -20,8 +20,6 @@ from lowsnr_common.core.process_setup import SHUT_DOWN
 from lowsnr_common.core.process_setup import USAGE_ERROR
 
 _COLUMNS = ('frame', 'node', 'death', 'down_s')
-# A start may have to calibrate.
-_ACTIVE_WITHIN_S = 600.0
 _AGAIN_AFTER_S = 5.0
 # Exit statuses after which a node is not started again: it would end the same way, or an
 # operator has shut it down.  A recorder ends with 1 when the disk is full.
@@ -85,6 +83,9 @@ class Respawner:
     """
     Starts nodes again that died, and announces them once they are active.
 
+    A node of a graph that runs configures and activates itself.  While the graph starts,
+    ``autostart`` is false: :class:`lowsnr_bringup.ros.graph_start.GraphStart` does it in order.
+
     Parameters
     ----------
     group, manager
@@ -101,6 +102,7 @@ class Respawner:
     folder: Path
     files: dict[Path, str]
     policy: RespawnPolicy = field(default_factory=RespawnPolicy)
+    autostart: bool = False
     _deaths: dict[Node, Deaths] = field(default_factory=dict)
     _cases: dict[Node, _Case] = field(default_factory=dict)
 
@@ -140,14 +142,12 @@ class Respawner:
             elif self.manager.is_active(node, case.process.process.pid):
                 del self._cases[node]
                 self._announce(node, case, now_s)
-            elif now_s - case.started_s > _ACTIVE_WITHIN_S:
-                case.process.process.kill()
 
     def _start(self, node: Node, case: _Case) -> None:
         """Start a node again, or try later if the disk or the machine has no room."""
         own: dict[str, object] = {
             **self.manager.changed(node),
-            'autostart': True, 'lives': self._deaths[node].count}
+            'autostart': self.autostart, 'lives': self._deaths[node].count}
         if node.source:
             own['resume_after_ns'] = self.manager.newest_ns
         try:

@@ -12,14 +12,14 @@ import time
 from typing import Any
 
 from lowsnr_bringup.plan.graph import Node
-from lowsnr_bringup.ros.manager import ACTIVATE
-from lowsnr_bringup.ros.manager import CONFIGURE
+from lowsnr_bringup.ros.graph_start import GraphStart
 from lowsnr_bringup.ros.manager import DEACTIVATE
 from lowsnr_bringup.ros.manager import GraphFailure
 from lowsnr_bringup.ros.manager import Manager
 from lowsnr_bringup.ros.node_watch import CameraWatch
 from lowsnr_bringup.ros.respawner import Respawner
 from lowsnr_bringup.run.forked_nodes import NodeServer
+from lowsnr_bringup.run.hang_watch import HangWatch
 from lowsnr_bringup.run.middleware import PROFILE_FILE
 from lowsnr_bringup.run.processes import NodeProcess
 from lowsnr_bringup.run.processes import notify
@@ -28,9 +28,10 @@ from lowsnr_bringup.run.results_folder import Account
 from lowsnr_bringup.run.results_folder import PARAMETERS_FILE
 from tqdm import tqdm
 
-_START_WITHIN_S = 600.0
-_ACTIVATE_WITHIN_S = 30.0
+_END_WITHIN_S = 30.0
 _FLUSH_WITHIN_S = 2.0
+# Time beyond that of the evaluator's own wait for answers, after which no frame will be scored.
+_PATIENCE_BEYOND_S = 2.0
 DONE, FAILED, INTERRUPTED = 0, 1, 130
 
 
@@ -50,10 +51,12 @@ class Supervisor:
         Results folder, which holds ``parameters.yaml``; logs go to its ``log``.
     frames
         Number of frames that the source publishes, None for no end.
-    patience_s
-        Wall time without a newly scored frame after which the run ends without the rest [s].
+    answer_within_s
+        Wall time after which the evaluator counts a frame as unanswered, and a node that gives
+        no sign of life as hanging [s].
     respawn
-        Whether nodes that die are started again.
+        Whether nodes that die or hang are started again; a node that hangs while the graph starts
+        is in any case, because nothing is lost by that.
     environment
         Environment of the nodes.
     server
@@ -62,18 +65,18 @@ class Supervisor:
     """
 
     def __init__(
-        self, nodes: Sequence[Node], folder: Path, frames: int | None, patience_s: float,
+        self, nodes: Sequence[Node], folder: Path, frames: int | None, answer_within_s: float,
         respawn: bool = False, environment: Mapping[str, str] = os.environ,
         server: NodeServer | None = None,
     ) -> None:
         self._nodes = nodes
         self._folder = folder
         self._frames = frames
-        self._patience_s = patience_s
+        self._patience_s = answer_within_s + _PATIENCE_BEYOND_S
+        self._hang_watch = HangWatch(answer_within_s)
         self._environment, self._server = environment, server
         self._signal = 0
         self._respawn = respawn
-        self._respawner: Respawner | None = None
         self.account = Account()
         self._watch = CameraWatch()
         self._missed: dict[Node, str] = {}  # nodes that stay dead, and how they died
@@ -108,9 +111,11 @@ class Supervisor:
         with tqdm(
             desc='starting', total=self._frames, unit=' frames', disable=None,
         ) as self._bar:
+            self._respawner = Respawner(
+                self._group, self._manager, self._folder, _texts(self._folder))
             try:
                 self._follow()
-                self._end(_ACTIVATE_WITHIN_S)
+                self._end(_END_WITHIN_S)
                 lacking = [death for node, death in self._missed.items() if node.needed]
                 return (FAILED, lacking[0]) if lacking else (DONE, '')
             except (GraphFailure, Interrupted) as error:
@@ -123,14 +128,9 @@ class Supervisor:
                 self.account.restarts = self._manager.restarted
 
     def _follow(self) -> None:
-        """Activate the nodes, and wait until the source is done and its frames are scored."""
-        self._manager.change(CONFIGURE, self._nodes, _START_WITHIN_S)
-        for node in self._nodes:
-            self._manager.change(ACTIVATE, [node], _ACTIVATE_WITHIN_S)
-        if self._respawn:
-            self._respawner = Respawner(
-                self._group, self._manager, self._folder, _texts(self._folder))
-        self._starting = False
+        """Start the graph, and wait until the source is done and its frames are scored."""
+        GraphStart(self._manager, self._group, self._nodes).run()
+        self._respawner.autostart = True
         self._bar.unpause()  # the rate is that of the frames, not of the start
         self._bar.set_description('running')
         while not self._source_done():
@@ -151,20 +151,26 @@ class Supervisor:
         """
         self._check_enabled = False
         self._manager.expect_changes()
-        dead = {member.node for member in self._group.dead()}
-        if self._respawner:
-            dead |= self._respawner.away
+        known = self._respawner.away | set(self._missed)
+        dead = {member.node for member in self._group.dead()} | known
         recorders = [node for node in self._nodes if node.name == 'recorder']
         others = [node for node in reversed(self._nodes) if node not in recorders]
-        for node in others + recorders:
-            if node in dead:
-                continue
-            try:
-                self._manager.change(DEACTIVATE, [node], within_s)
-            except GraphFailure as error:
-                notify(f'while stopping: {error}')
+        for member in map(self._group.member, others + recorders):
+            if member.node not in dead:
+                self._deactivate(member, within_s)
+            if member.process.poll() and member.node not in known:
+                notify(f'while stopping: {member.node.label} {member.death()}')
 
-    _check_enabled = _starting = True
+    def _deactivate(self, member: NodeProcess, within_s: float) -> None:
+        """Deactivate a node, also one that was stopped, and print why if that fails."""
+        member.process.send_signal(signal.SIGCONT)
+        try:
+            self._manager.change(
+                member.node, DEACTIVATE, within_s, lambda: member.process.poll() is None)
+        except GraphFailure as error:
+            notify(f'while stopping: {error}')
+
+    _check_enabled = True
 
     def _check(self) -> None:
         """Handle dead nodes; raise if the run is interrupted or cannot go on without one."""
@@ -172,17 +178,28 @@ class Supervisor:
             return
         if self._signal:
             raise Interrupted
-        if self._starting:
+        if not self._respawner.autostart:
             self._manager.guard.check()
         for member in self._group.dead():
             if member.node.source and member.process.returncode == 0:
                 continue
             if member.node not in self._missed and not (
-                    self._respawner and self._respawner.schedule(member)):
+                    (self._respawn or member.hung) and self._respawner.schedule(member)):
                 self._continue_without(member)
-        if self._respawner:
-            self._respawner.update()
+        self._respawner.update()
+        self._end_hanging()
         self._watch_camera()
+
+    def _end_hanging(self) -> None:
+        """Kill the nodes that hang where they are to be started again, otherwise name them."""
+        starting = not self._respawner.autostart
+        hanging = self._hang_watch.update(self._group.members, self._manager.heard)
+        for member, how in hanging.items():
+            if self._respawn or starting:
+                member.kill(how)
+            else:
+                self._hang_watch.name(
+                    member, how, '; only with --respawn does bring-up start it again')
 
     def _watch_camera(self) -> None:
         """Print the faults that the node nearest to the camera reports."""
@@ -194,7 +211,7 @@ class Supervisor:
         """Continue without a node that stays dead, or raise if the run needs it."""
         report = (f'{member.node.label} {member.death()} at frame {self._manager.scored}; '
                   f'the end of {member.log}:\n{member.last_lines()}')
-        spare = not member.node.needed or (self._respawner and member.node.name == 'recorder')
+        spare = not member.node.needed or (self._respawn and member.node.name == 'recorder')
         if not (spare and self._manager.scored):
             raise GraphFailure(report)
         self._missed[member.node] = report

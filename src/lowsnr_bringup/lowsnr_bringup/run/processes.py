@@ -57,20 +57,32 @@ class Process(Protocol):
         """Send SIGKILL, unless the process has ended."""
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class NodeProcess:
-    """A node's process, its log file, and the line to it."""
+    """
+    A node's process, its log file, and the line to it.
+
+    ``hung`` is why bring-up killed it, if it did.
+    """
 
     node: Node
     process: Process
     log: Path
     line: Line
+    hung: str = ''
+
+    def kill(self, hung: str) -> None:
+        """Kill a process that hangs; it may be stopped, so that no other signal reaches it."""
+        self.hung = hung
+        self.process.kill()
 
     def death(self) -> str:
         """Return how the process ended, in words that follow its name."""
         status = self.process.poll()
         if status is None:
             return 'runs'
+        if self.hung:
+            return f'{self.hung} and was killed by bring-up'
         if status < 0:
             return f'was killed by {signal.Signals(-status).name}'
         if status == TERMINATED:
@@ -175,6 +187,10 @@ class ProcessGroup:
             stderr=subprocess.STDOUT, env={**self._environment, LIFELINE: str(lifeline)},
             pass_fds=(lifeline,), start_new_session=True)
 
+    def member(self, node: Node) -> NodeProcess:
+        """Return the newest process of a node."""
+        return next(member for member in self.members if member.node == node)
+
     def dead(self) -> list[NodeProcess]:
         """Return the members that have ended."""
         return [member for member in self.members if member.process.poll() is not None]
@@ -186,9 +202,12 @@ class ProcessGroup:
             member.process.send_signal(signal.SIGTERM)
             member.process.send_signal(signal.SIGCONT)
         if not _wait(running, _TERM_WITHIN_S):
-            for member in running:
+            late = [member for member in running if member.process.poll() is None]
+            for member in late:
+                notify(f'{member.node.label} did not end within {_TERM_WITHIN_S:g} s of SIGTERM: '
+                       'bring-up kills it')
                 member.process.kill()
-            _wait(running, _TERM_WITHIN_S)
+            _wait(late, _TERM_WITHIN_S)
         clear_leftovers()
 
 

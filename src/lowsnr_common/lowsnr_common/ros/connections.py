@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from collections.abc import Iterable
 from collections.abc import Mapping
 import time
@@ -20,7 +21,8 @@ SEVERAL_PUBLISHERS = 'several publishers'
 OTHER_TYPE, OTHER_QOS = 'other type', 'incompatible qos'
 # Names in one line.
 _MOST_NAMES = 5
-_ACKNOWLEDGED_WITHIN_S = 10.0
+_ACKNOWLEDGED_WITHIN_S, _PIECE_S = 10.0, 0.5
+_LOOK_EVERY_S = 0.005
 
 
 def missing_peer(outputs: Mapping[Any, int], inputs: Iterable[Any]) -> str:
@@ -47,14 +49,50 @@ def missing_peer(outputs: Mapping[Any, int], inputs: Iterable[Any]) -> str:
     return ''
 
 
+def wait_while(missing: Callable[[], str], within_s: float, report: Callable[[], None]) -> str:
+    """
+    Wait within a transition of a node until nothing is missing.
+
+    Parameters
+    ----------
+    missing
+        Returns what is missing, in one line; nothing if all is there.
+    within_s
+        Longest wait [s].
+    report
+        Called once a second, because no timer of the node runs meanwhile.
+
+    Returns
+    -------
+    str
+        What is still missing after that time.
+
+    """
+    start_s = reported_s = time.monotonic()
+    while lacking := missing():
+        now_s = time.monotonic()
+        if now_s - start_s > within_s:
+            break
+        if now_s - reported_s > 1.0:
+            reported_s = now_s
+            report()
+        time.sleep(_LOOK_EVERY_S)
+    return lacking
+
+
 def wait_for_readers(
     publishers: Iterable[Any], within_s: float = _ACKNOWLEDGED_WITHIN_S,
 ) -> None:
-    """Wait until every reader has every message, at most so long [s]: a reader may have died."""
+    """
+    Wait until every reader has every message, at most so long [s]: a reader may have died.
+
+    It waits in pieces, because a process whose main thread is never scheduled counts as hanging.
+    """
     until = time.monotonic() + within_s
     for publisher in publishers:
-        left_s = max(0.0, until - time.monotonic())
-        publisher.wait_for_all_acked(Duration(seconds=left_s))
+        while (left_s := until - time.monotonic()) > 0.0 and not publisher.wait_for_all_acked(
+                Duration(seconds=min(left_s, _PIECE_S))):
+            pass
 
 
 def input_faults(node: Node, subscription: Any) -> list[Fault]:

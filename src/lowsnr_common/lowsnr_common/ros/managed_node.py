@@ -19,6 +19,7 @@ from lowsnr_common.ros.bringup_line import CHANGE_STATE
 from lowsnr_common.ros.bringup_line import STATUS
 from lowsnr_common.ros.connections import missing_peer
 from lowsnr_common.ros.connections import output_faults
+from lowsnr_common.ros.connections import wait_while
 from lowsnr_common.ros.diagnostics import Fault
 from lowsnr_common.ros.diagnostics import Health
 from lowsnr_common.ros.inputs import Input
@@ -74,12 +75,9 @@ class ManagedNode(SettingsNode):
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Wait for the peers, then become active."""
-        until = time.monotonic() + _PEERS_WITHIN_S
-        while missing := self._missing():
-            if time.monotonic() > until:
-                self.get_logger().error('; '.join([missing, *map(str, self._lasting_faults())]))
-                return TransitionCallbackReturn.FAILURE
-            time.sleep(0.005)
+        if missing := wait_while(self._missing, _PEERS_WITHIN_S, self.report):
+            self.get_logger().error('; '.join([missing, *map(str, self._lasting_faults())]))
+            return TransitionCallbackReturn.FAILURE
         self.active = True
         for each in self._inputs:
             each.begin()

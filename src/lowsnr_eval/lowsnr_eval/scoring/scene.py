@@ -149,6 +149,8 @@ class SceneWriter:
 def _cut_to_whole(folder: Path) -> tuple[int, int]:
     """Cut both files to their complete frames; return the letters and cells that remain."""
     letters = cells = 0
+    if not any((folder / name).exists() for name in (SCENE_FILE, PIXELS_FILE)):
+        return letters, cells  # the earlier process died before it began them
     try:
         most = (folder / PIXELS_FILE).stat().st_size // 4
         for text in (folder / SCENE_FILE).read_bytes().splitlines(keepends=True):

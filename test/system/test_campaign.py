@@ -1,0 +1,35 @@
+"""A short campaign of faults of all kinds against one run: every frame is accounted for."""
+
+import signal
+
+from campaign import Campaign
+from campaign import KINDS
+from graph_client import GraphClient
+from graph_runs import own_domain
+import numpy as np
+from run_checks import check_end
+
+# Those have tests of their own: test_hangs, test_hostile_input, test_time_jumps.
+ELSEWHERE = {'hung', 'forged', 'clock'}
+
+
+def test_every_frame_of_a_campaign_is_accounted_for(bringup):
+    rng = np.random.default_rng(8)
+    run = bringup('--detector', 'cdt', '--scenario', 'example3', '--loop', '--lockstep',
+                  '--set', 'evaluator.answer_within_s=1.0')
+    run.wait_for_rows(100)
+    with GraphClient(own_domain(), topics=()) as client:
+        campaign = Campaign(run, client, 'cdt', rng, most_stopped_s=1.0)
+        for kind in rng.permutation([kind for kind in KINDS if kind not in ELSEWHERE]):
+            campaign.inject(str(kind))
+    run.process.send_signal(signal.SIGINT)
+    check_end(run, 130)
+    assert campaign.recovered_s.keys() == set(KINDS) - ELSEWHERE
+    frames = run.summary()['frames']
+    lost = frames.get('lost', 0)
+    assert frames['published'] == (
+        frames['scored'] + frames['unanswered'] + frames['unseen'] + lost)
+    assert len(run.rows()) == 2 * (frames['scored'] + frames['unanswered'])
+    # Garbage and floods are answered, or rejected, as frames; the rest costs a frame or two each.
+    assert lost == 0
+    assert frames['scored'] > 100

@@ -1,0 +1,94 @@
+"""Nodes that hang are named, and started again: in a run, while it starts, and at its end."""
+
+import os
+import signal
+import time
+
+from graph_runs import own_domain
+from graph_runs import start_bringup
+import pytest
+from run_checks import check_end
+from tally import FAULTS
+
+# The least time after which a node that gives no sign of life hangs.
+WITHIN_S = 4.0
+RUN = ('--detector', 'cdt', '--scenario', 'example3', '--loop', '--rate', '20', '--set',
+       f'evaluator.answer_within_s={WITHIN_S}')
+# A stopped node is found within this time, and its successor takes a few seconds.
+BACK_WITHIN_S = WITHIN_S + 16.0
+
+
+def stop(run, module):
+    """Stop a node; return its process id."""
+    pid = run.nodes()[module]
+    os.kill(pid, signal.SIGSTOP)
+    FAULTS[f'{module} hangs'] += 1
+    return pid
+
+
+def lines_about(text, label):
+    """Return what bring-up printed about a node."""
+    return [line for line in text.splitlines() if line.startswith(f'bringup.py: {label} ')]
+
+
+@pytest.fixture(scope='module')
+def hung(tmp_path_factory):
+    """Return a run, its end, and how long it took to answer again after its tracker hung [s]."""
+    with start_bringup(tmp_path_factory.mktemp('hung') / 'run', *RUN, '--respawn',
+                       domain_id=own_domain()) as run:
+        run.wait_for_rows(40)
+        tracker, start = stop(run, 'tracker_node'), time.monotonic()
+        run.wait_for_restarts(1)
+        took_s = time.monotonic() - start
+        assert run.nodes()['tracker_node'] != tracker
+        run.wait_for_rows(len(run.rows()) + 40)
+        for module in ('detector_node', 'evaluator_node'):  # bring-up has them go on
+            stop(run, module)
+        run.process.send_signal(signal.SIGINT)
+        start = time.monotonic()
+        out = check_end(run, 130)
+        return run, out, took_s, time.monotonic() - start
+
+
+def test_a_node_that_hangs_is_killed_and_started_again(hung):
+    run, _, took_s, _ = hung
+    restart, = run.restarts()
+    assert restart['node'] == 'tracker'
+    assert 'stood still' in restart['death']
+    assert took_s < BACK_WITHIN_S
+    frames = run.summary()['frames']
+    assert frames['published'] == frames['scored'] + frames['unanswered'] + frames['unseen']
+    assert frames['unanswered'] < 20 * BACK_WITHIN_S
+    answered = [row.split(',')[5] for row in run.rows() if row.split(',')[3] == 'tracking']
+    assert all(answered[-15:-5])
+
+
+def test_nodes_that_are_stopped_when_a_run_ends_cost_no_score_and_little_time(hung):
+    run, _, _, ends_s = hung
+    frames = run.summary()['frames']
+    assert frames['scored'] + frames['unanswered'] == len(run.rows()) // 2
+    assert frames['unseen'] == 0
+    assert ends_s < BACK_WITHIN_S
+
+
+def test_without_respawn_only_a_start_is_repaired_and_a_run_names_what_hangs(bringup):
+    run = bringup(*RUN, '--no-respawn')
+    until = time.monotonic() + 60.0
+    while 'evaluator_node' not in run.nodes():
+        assert time.monotonic() < until
+        time.sleep(0.005)
+    evaluator = stop(run, 'evaluator_node')
+    run.wait_for_rows(40)
+    assert run.nodes()['evaluator_node'] != evaluator
+    tracker = stop(run, 'tracker_node')
+    time.sleep(WITHIN_S + 3.0)
+    os.kill(tracker, signal.SIGCONT)
+    run.wait_for_rows(len(run.rows()) + 120)  # for three seconds, so that it has reported
+    run.process.send_signal(signal.SIGINT)
+    code, _, err = run.finish()
+    assert code == 130
+    assert [row['node'] for row in run.restarts()] == ['evaluator']
+    assert run.nodes() == {}
+    named, again = lines_about(err, 'tracker')
+    assert 'stood still' in named
+    assert 'again' in again
