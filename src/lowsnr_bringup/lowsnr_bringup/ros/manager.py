@@ -18,6 +18,8 @@ from lowsnr_bringup.plan.graph import Node as GraphNode
 from lowsnr_bringup.ros.bringup_node import bringup_node
 from lowsnr_bringup.ros.node_watch import StateWatch
 from lowsnr_bringup.ros.transition import PendingTransition
+from lowsnr_bringup.run.frame_ledger import FrameLedger
+from lowsnr_bringup.run.processes import notify
 from lowsnr_common.core.records import Malformed
 from lowsnr_common.core.timeline import StampOrder
 from lowsnr_common.core.timeline import Timeline
@@ -77,17 +79,18 @@ class Manager:
             for node in nodes}
         self._scored = self._node.create_subscription(
             DiagnosticArray, SCORED, self._count, reliable(10_000))
-        self.published, self.newest_ns, self._timeline = 0, -1, Timeline()
+        self.ledger, self.newest_ns, self._timeline = FrameLedger(), -1, Timeline()
+        self.rejected: Counter[str] = Counter()  # unsound messages about scored frames by reason
         self.restarted: Counter[str] = Counter()
-        self._followed = [self._scored]
+        self._clock = None
         if any(node.source for node in self._services):  # otherwise a clock is not of this run
-            self._followed.append(self._node.create_subscription(
-                Clock, 'clock', self._on_clock, reliable(10_000)))
+            self._clock = self._node.create_subscription(
+                Clock, 'clock', self._on_clock, reliable(10_000))
         self._labels = {node.path: node.label for node in nodes}
         self._active: dict[str, str] = {}  # process by node
-        self.statuses: dict[str, DiagnosticStatus] = {}  # the newest of each active node
+        self.statuses: dict[str, DiagnosticStatus] = {}  # the newest while a node was active
         self._state_watch: StateWatch | None = StateWatch()
-        self._node.create_subscription(
+        self._diagnostics = self._node.create_subscription(
             DiagnosticArray, '/diagnostics', self._on_diagnostics, reliable(100))
         self._changed: dict[str, dict[str, Any]] = {}  # parameters set while it ran, by node
         self._parameters = self._node.create_subscription(
@@ -150,9 +153,11 @@ class Manager:
         return self._changed.get(node.path, {})
 
     def catch_up(self) -> None:
-        """Take all waiting messages about published and scored frames."""
-        for subscription in self._followed:
-            drain(subscription)
+        """Take all waiting messages about published and scored frames, and about nodes."""
+        if self._clock is not None:
+            drain(self._clock)
+        drain(self._scored)
+        drain(self._diagnostics)
 
     def announce(self, node: GraphNode, death: str, started_s_ago: float) -> None:
         """Publish that a node is active again, so that no node waits for what its death lost."""
@@ -162,17 +167,28 @@ class Manager:
     def _count(self, message: DiagnosticArray) -> None:
         try:
             scored = FrameScored.from_message(message)
-        except Malformed:
-            return  # not from the evaluator
+        except Malformed as error:
+            self._reject(error)
+            return
+        if self._clock is None:  # of a camera only what the evaluator sees is known
+            self.ledger.publish(scored.stamp_ns)
+        self.ledger.score(scored.stamp_ns, scored.frame)
         self.scored = max(self.scored, scored.frame)
         self._detections += sum(chain.detections for chain in scored.chains)
         self._tracks += sum(chain.tracks for chain in scored.chains)
         self._on_scored(self.scored, self._detections, self._tracks)
 
+    def _reject(self, error: Malformed) -> None:
+        """Count a message that is not from the evaluator of the run, and name the first."""
+        self.rejected[error.reason] += 1
+        if self.rejected[error.reason] == 1:
+            notify(f'{self._scored.topic_name}: rejected ({error.reason}): {error}; another '
+                   'program than the evaluator publishes there')
+
     def _on_clock(self, message: Clock) -> None:
         stamp = stamp_key(message.clock)
+        self.ledger.publish(stamp)
         if self._timeline.classify(stamp) is not StampOrder.LATE:
-            self.published += 1
             self.newest_ns = stamp
 
     def _on_parameters(self, event: ParameterEvent) -> None:
@@ -189,6 +205,7 @@ class Manager:
             process, state = values.get('process', ''), values.get('state', '')
             if state == 'active':
                 self._active[status.name] = process
+            if state in ('active', 'deactivating'):
                 self.statuses[status.name] = status
             if self._state_watch:
                 self._state_watch.update(label, status.name, process, state)

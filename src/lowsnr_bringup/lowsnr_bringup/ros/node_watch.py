@@ -1,4 +1,4 @@
-"""What bring-up prints about nodes while a run goes on: faults of a camera, changes of state."""
+"""What bring-up prints about nodes in a run: faults of a camera and of results, their states."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import time
 from diagnostic_msgs.msg import DiagnosticStatus
 from lowsnr_bringup.run.processes import notify
 from lowsnr_common.ros.diagnostics import faults_of
+from lowsnr_common.ros.managed_node import BROKEN
 
 # A fault that has not been reported for this long counts as a new one.
 _NEW_AFTER_S = 60.0
@@ -41,6 +42,26 @@ class CameraWatch:
             if now_s - self._seen_s.get(key, -_NEW_AFTER_S) >= _NEW_AFTER_S:
                 notify(sentence)
             self._seen_s[key] = now_s
+
+
+@dataclass
+class ResultsWatch:
+    """
+    Prints when the evaluator cannot write its scores, and when it can again.
+
+    ``fault`` says why not, empty while it can.
+    """
+
+    fault: str = ''
+
+    def update(self, status: DiagnosticStatus) -> None:
+        """Take the evaluator's newest status."""
+        before, self.fault = self.fault, next(
+            (text for key, text in faults_of(status).items() if key.endswith(f' {BROKEN}')), '')
+        if self.fault and not before:
+            notify(self.fault)
+        elif before and not self.fault:
+            notify('scores are written again')
 
 
 @dataclass

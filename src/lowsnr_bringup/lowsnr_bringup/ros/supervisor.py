@@ -6,9 +6,7 @@ from collections.abc import Mapping
 from collections.abc import Sequence
 import os
 from pathlib import Path
-import signal
 import time
-from typing import Any
 
 from lowsnr_bringup.plan.graph import Node
 from lowsnr_bringup.ros.manager import ACTIVATE
@@ -17,6 +15,7 @@ from lowsnr_bringup.ros.manager import DEACTIVATE
 from lowsnr_bringup.ros.manager import GraphFailure
 from lowsnr_bringup.ros.manager import Manager
 from lowsnr_bringup.ros.node_watch import CameraWatch
+from lowsnr_bringup.ros.node_watch import ResultsWatch
 from lowsnr_bringup.ros.respawner import Respawner
 from lowsnr_bringup.run.forked_nodes import NodeServer
 from lowsnr_bringup.run.middleware import PROFILE_FILE
@@ -25,6 +24,7 @@ from lowsnr_bringup.run.processes import notify
 from lowsnr_bringup.run.processes import ProcessGroup
 from lowsnr_bringup.run.results_folder import Account
 from lowsnr_bringup.run.results_folder import PARAMETERS_FILE
+from lowsnr_bringup.run.stop_signals import StopSignals
 from tqdm import tqdm
 
 _START_WITHIN_S = 600.0
@@ -34,7 +34,7 @@ DONE, FAILED, INTERRUPTED = 0, 1, 130
 
 
 class Interrupted(Exception):
-    """A signal asks the run to end."""
+    """A signal asks the run to end, or to end faster."""
 
 
 class Supervisor:
@@ -51,6 +51,10 @@ class Supervisor:
         Number of frames that the source publishes, None for no end.
     patience_s
         Wall time without a newly scored frame after which the run ends without the rest [s].
+    stop
+        The signals that ask the run to end; the first ends it in order, another faster.
+    claim
+        File descriptor of the claim on the ROS domain, which every node holds too.
     respawn
         Whether nodes that die are started again.
     environment
@@ -62,35 +66,35 @@ class Supervisor:
 
     def __init__(
         self, nodes: Sequence[Node], folder: Path, frames: int | None, patience_s: float,
-        respawn: bool = False, environment: Mapping[str, str] = os.environ,
-        server: NodeServer | None = None,
+        stop: StopSignals, claim: int, respawn: bool = False,
+        environment: Mapping[str, str] = os.environ, server: NodeServer | None = None,
     ) -> None:
         self._nodes = nodes
         self._folder = folder
         self._frames = frames
         self._patience_s = patience_s
         self._environment, self._server = environment, server
-        self._signal = 0
+        self._stop, self._claim = stop, claim
+        self._stops_faster: int | None = None  # once the run ends: signals that end it faster
         self._respawn = respawn
         self._respawner: Respawner | None = None
         self.account = Account()
-        self._watch = CameraWatch()
+        self._watch, self.results = CameraWatch(), ResultsWatch()
         self._missed: dict[Node, str] = {}  # nodes that stay dead, and how they died
 
     def run(self) -> tuple[int, str]:
         """Run the graph; return the exit status, and what failed, empty if nothing did."""
-        before = {s: signal.signal(s, self._on_signal) for s in (signal.SIGINT, signal.SIGTERM)}
-        try:
-            with ProcessGroup(
-                    self._folder / 'log', self._environment, self._server) as self._group:
-                return self._run_processes()
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
+        with ProcessGroup(
+                self._folder / 'log', self._environment, self._server,
+                self._claim) as self._group:
+            try:
+                for node in self._nodes:
+                    self._group.start(node, self._folder / PARAMETERS_FILE)
+            except OSError as error:
+                return (FAILED, f'{node.label} cannot be started: {error}')
+            return self._run_processes()
 
     def _run_processes(self) -> tuple[int, str]:
-        for node in self._nodes:
-            self._group.start(node, self._folder / PARAMETERS_FILE)
         with tqdm(
             desc='starting', total=self._frames, unit=' frames', disable=None,
         ) as self._bar:
@@ -106,8 +110,8 @@ class Supervisor:
                 return (FAILED, str(error)) if failed else (INTERRUPTED, 'interrupted')
             finally:
                 self._manager.catch_up()
-                self.account.published = self._manager.published
-                self.account.restarts = self._manager.restarted
+                self._watch_nodes()
+                self.account = Account(self._manager.ledger, self._manager.restarted)
                 self._manager.close()
 
     def _follow(self) -> None:
@@ -123,8 +127,9 @@ class Supervisor:
         self._bar.set_description('running')
         while not self._source_done():
             self._manager.spin(0.1)
+        self._manager.catch_up()
         scored, since = self._manager.scored, time.monotonic()
-        while self._manager.scored != self._frames and self._frames is not None:
+        while self._manager.ledger.awaits and self._frames is not None:
             self._manager.spin(0.1)
             if self._manager.scored != scored:
                 scored, since = self._manager.scored, time.monotonic()
@@ -135,9 +140,10 @@ class Supervisor:
         """
         Deactivate the source first, and the evaluator after all whose answers it scores.
 
-        The recorder comes last, because it records the others.
+        The recorder comes last, because it records the others.  Where a signal asks for it, nodes
+        end without that: the evaluator has written what it scored.
         """
-        self._check_enabled = False
+        self._stops_faster = self._stop.count + 1
         self._manager.expect_changes()
         dead = {member.node for member in self._group.dead()}
         if self._respawner:
@@ -151,15 +157,15 @@ class Supervisor:
                 self._manager.change(DEACTIVATE, [node], within_s)
             except GraphFailure as error:
                 notify(f'while stopping: {error}')
-
-    _check_enabled = True
+            except Interrupted:
+                return
 
     def _check(self) -> None:
         """Handle dead nodes; raise if the run is interrupted or cannot go on without one."""
-        if not self._check_enabled:
-            return
-        if self._signal:
+        if self._stop.count >= (self._stops_faster or 1):
             raise Interrupted
+        if self._stops_faster:
+            return
         for member in self._group.dead():
             if member.node.source and member.process.returncode == 0:
                 continue
@@ -168,13 +174,14 @@ class Supervisor:
                 self._continue_without(member)
         if self._respawner:
             self._respawner.update()
-        self._watch_camera()
+        self._watch_nodes()
 
-    def _watch_camera(self) -> None:
-        """Print the faults that the node nearest to the camera reports."""
-        path = next((node.path for node in reversed(self._nodes) if node.live), '')
-        if path in self._manager.statuses:
-            self._watch.update(self._manager.statuses.pop(path))
+    def _watch_nodes(self) -> None:
+        """Print the faults of the node nearest to the camera, and of the evaluator's results."""
+        camera = next((node.path for node in reversed(self._nodes) if node.live), '')
+        for path, watch in ((camera, self._watch), ('/evaluator', self.results)):
+            if path in self._manager.statuses:
+                watch.update(self._manager.statuses.pop(path))
 
     def _continue_without(self, member: NodeProcess) -> None:
         """Continue without a node that stays dead, or raise if the run needs it."""
@@ -189,9 +196,6 @@ class Supervisor:
     def _source_done(self) -> bool:
         return any(member.node.source and member.process.returncode == 0
                    for member in self._group.dead())
-
-    def _on_signal(self, number: int, _: Any) -> None:
-        self._signal = number
 
     def _on_scored(self, frame: int, detections: int, tracks: int) -> None:
         self._bar.update(frame - self._bar.n)

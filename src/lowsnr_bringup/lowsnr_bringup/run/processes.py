@@ -19,6 +19,7 @@ from lowsnr_bringup.plan.graph import Node
 from lowsnr_bringup.run.forked_nodes import NodeServer
 from lowsnr_bringup.run.forked_nodes import ServerGone
 from lowsnr_bringup.run.shared_memory import clear_leftovers
+from lowsnr_common.core.process_setup import INTERRUPTED
 from lowsnr_common.core.process_setup import LIFELINE
 from lowsnr_common.core.process_setup import SHUT_DOWN
 from lowsnr_common.core.process_setup import TERMINATED
@@ -26,6 +27,7 @@ from tqdm import tqdm
 
 _TERM_WITHIN_S = 2.0
 _LAST_LINES = 8
+_ENDED_BY = {INTERRUPTED: 'SIGINT', TERMINATED: 'SIGTERM'}
 NONE: Mapping[str, object] = MappingProxyType({})
 
 
@@ -68,8 +70,8 @@ class NodeProcess:
             return 'runs'
         if status < 0:
             return f'was killed by {signal.Signals(-status).name}'
-        if status == TERMINATED:
-            return 'was ended by SIGTERM'
+        if status in _ENDED_BY:
+            return f'was ended by {_ENDED_BY[status]}'
         if status == SHUT_DOWN:
             return 'was shut down through its lifecycle'
         return f'ended with status {status}'
@@ -99,13 +101,17 @@ class ProcessGroup:
         Environment of the processes.
     server
         Forks the processes; without it, or once it is gone, each starts its own Python.
+    claim
+        File descriptor that every process holds until its end, none if None.
 
     """
 
     def __init__(
         self, logs: Path, environment: Mapping[str, str], server: NodeServer | None = None,
+        claim: int | None = None,
     ) -> None:
         self._logs, self._server = logs, server
+        self._claim = () if claim is None else (claim,)
         self._environment = dict(environment)
         self._pipe_out, self._pipe_in = os.pipe()
         self.members: list[NodeProcess] = []
@@ -160,14 +166,15 @@ class ProcessGroup:
         if self._server is not None:
             try:
                 return self._server.fork(
-                    module, arguments, self._environment, log.fileno(), self._pipe_out)
+                    module, arguments, self._environment, log.fileno(), self._pipe_out,
+                    *self._claim)
             except ServerGone:
                 self._server = None
                 notify('the process that forks nodes is gone; nodes start their own Python')
         return subprocess.Popen(
             [sys.executable, '-m', module, *arguments], stdin=subprocess.DEVNULL, stdout=log,
             stderr=subprocess.STDOUT, env={**self._environment, LIFELINE: str(self._pipe_out)},
-            pass_fds=(self._pipe_out,), start_new_session=True)
+            pass_fds=(self._pipe_out, *self._claim), start_new_session=True)
 
     def dead(self) -> list[NodeProcess]:
         """Return the members that have ended."""
