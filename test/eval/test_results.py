@@ -3,6 +3,7 @@
 from contextlib import closing
 import json
 
+from lowsnr_bringup.run.frame_ledger import FrameLedger
 from lowsnr_bringup.run.results_folder import Account
 from lowsnr_bringup.run.results_folder import fresh_folder
 from lowsnr_common.core.records import Estimate
@@ -42,9 +43,9 @@ def score_two_frames(tables):
         tables.add(score_frame(frame, stamp_s, truth, answers, Evaluation()), answers)
 
 
-def summary_of(folder, scenario='example3', published=0):
+def summary_of(folder, scenario='example3', ledger=None):
     """Return the summary of a run whose tables lie in a folder."""
-    return summarize(folder, RunSettings(scenario=scenario), Evaluation(), 7, Account(published))
+    return summarize(folder, RunSettings(scenario=scenario), Evaluation(), 7, Account(ledger))
 
 
 @pytest.fixture
@@ -89,13 +90,15 @@ def test_any_ids_are_read_back_as_they_were(tmp_path, ids):
 
 
 def test_summary_has_the_stable_keys(results):
-    write_summary(results, summary_of(results, published=3))
+    ledger = FrameLedger(number=2)
+    ledger.publish(3)
+    write_summary(results, summary_of(results, ledger=ledger))
     summary = json.loads((results / 'summary.json').read_text())
     assert list(summary) == [
         'schema', 'scenario', 'seed', 'frames', 'restarts', 'evaluation', 'detectors']
     assert (summary['schema'], summary['scenario'], summary['seed']) == (1, 'example3', 7)
     assert summary['frames'] == {
-        'published': 3, 'scored': 1, 'unanswered': 1, 'unseen': 1}
+        'expected': None, 'published': 3, 'scored': 1, 'unanswered': 1, 'unseen': 1, 'lost': 0}
     assert summary['restarts'] == {}
     assert summary['evaluation']['gate_cells'] == 1.5
     chain = summary['detectors']['sdt']
@@ -113,7 +116,7 @@ def test_summary_has_the_stable_keys(results):
 def test_summary_of_no_frames_has_no_figures(no_results):
     summary = summary_of(no_results)
     assert summary['frames'] == {
-        'published': 0, 'scored': 0, 'unanswered': 0, 'unseen': 0}
+        'expected': None, 'published': 0, 'scored': 0, 'unanswered': 0, 'unseen': 0, 'lost': 0}
     assert summary['detectors']['sdt']['detection']['pd'] is None
 
 

@@ -66,8 +66,7 @@ def _holders(claim: TextIO) -> dict[int, str]:
     for process in Path('/proc').glob('[0-9]*'):
         with suppress(OSError):  # it has ended, or belongs to another user
             if int(process.name) != os.getpid() and any(
-                    os.path.samestat(file.stat(), own) for file in (process / 'fd').iterdir()
-                    if str(file.readlink()) == claim.name):
+                    os.path.samestat(file.stat(), own) for file in (process / 'fd').iterdir()):
                 command = (process / 'cmdline').read_bytes().replace(b'\0', b' ')
                 found[int(process.name)] = command.decode(errors='replace')
     return found

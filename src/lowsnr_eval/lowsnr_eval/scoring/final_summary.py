@@ -93,7 +93,8 @@ def missing_frames(frames: Mapping[str, Any]) -> list[str]:
         found.append(f'{lost} of {published} frames were scored and lost: {files.FRAMES_FILE} '
                      'does not hold them')
     if frames['unseen']:
-        found.append(f'{frames["unseen"]} of {published} frames did not reach the evaluator')
+        found.append(f'{frames["unseen"]} of {published} frames did not reach the '
+                     'evaluator, or not with their truth')
     if published != table + lost + frames['unseen'] or min(lost, frames['unseen']) < 0:
         found.append(
             f'the account of the frames does not add up: {published} published, {table} in '

@@ -118,6 +118,8 @@ class RunScorer:
         self.scene.close()
 
     def _score_one(self, frame: Frame) -> ScoredFrame | None:
+        if self._key not in frame.arrays:  # only its answers show that it exists
+            self.ledger.publish(frame.stamp)
         truth = frame.answer(TRUTH) if self._truth else None
         if truth is None and self._truth:
             self._reject(
