@@ -157,13 +157,14 @@ def look(run: Any, soak: Soak, now_s: float) -> None:
 def account(run: Any, soak: Soak, code: int, said: str) -> Iterator[tuple[bool, str]]:
     """Yield whether every frame is accounted for, and how fast nodes came back."""
     frames, restarts = run.summary()['frames'], run.restarts()
-    lost = frames['unanswered'] + frames['unseen']
+    lost = frames['unanswered'] + frames['unseen'] + frames['lost']
     yield code == 130, f'exit code {code}'
     yield 'Traceback' not in said + ''.join(
         path.read_text() for path in (run.results / 'log').iterdir()), 'no traceback'
     yield (frames['published'] == frames['scored'] + lost,
            f'{frames["published"]} frames published: {frames["scored"]} scored, '
-           f'{frames["unanswered"]} unanswered, {frames["unseen"]} unseen')
+           f'{frames["unanswered"]} unanswered, {frames["unseen"]} unseen, '
+           f'{frames["lost"]} lost')
     yield (len(run.rows()) == 2 * (frames['scored'] + frames['unanswered']),
            'frames.csv has two lines for each that was scored or unanswered')
     for name, count in sorted(soak.faults.items()):

@@ -43,9 +43,7 @@ def plan_and_run(
 ) -> int:
     """Plan the run, claim its domain and folder, calibrate, and run; return the exit code."""
     from lowsnr_bringup.run.domain import claim_domain
-    from lowsnr_bringup.run.middleware import middleware_environment
     from lowsnr_bringup.run.results_folder import fresh_folder
-    import rclpy
     with ExitStack() as stack:
         try:
             plan = plan_of(options)
@@ -53,8 +51,6 @@ def plan_and_run(
             if options.secure is not None:
                 secure(options.secure, [node.path for node in plan.nodes])
             folder = fresh_folder(options.results or ROOT / 'results' / plan.name)
-            os.environ |= middleware_environment(
-                os.environ, folder, rclpy.get_rmw_implementation_identifier())
             write_parameters(plan, folder)
         except (OSError, ValueError) as error:
             say(str(error))
@@ -123,17 +119,21 @@ def calibrate_detector(
 
 
 def write_parameters(plan: 'RunPlan', folder: Path) -> None:
-    """Write the parameter file that every node of the run reads."""
+    """Write what every node of the run reads, and reserve room for the summary."""
     from lowsnr_bringup.plan.graph import to_yaml
+    from lowsnr_bringup.run.middleware import middleware_environment
     from lowsnr_bringup.run.results_folder import cannot_write
     from lowsnr_bringup.run.results_folder import PARAMETERS_FILE
     from lowsnr_eval.scoring.final_summary import reserve_summary
+    import rclpy
 
     file = (folder / PARAMETERS_FILE).resolve()
     plan.parameters['/evaluator']['results'] = str(folder.resolve())
     if '/recorder' in plan.parameters:
         plan.parameters['/recorder']['run_parameters'] = str(file)
     try:
+        os.environ |= middleware_environment(
+            os.environ, folder, rclpy.get_rmw_implementation_identifier())
         file.write_text(to_yaml(plan.parameters), encoding='utf-8')
         reserve_summary(folder, len(plan.detectors))
     except OSError as error:

@@ -1,8 +1,12 @@
 """The results folder: what is in its files, that nothing is lost, and nothing overwritten."""
 
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
+import errno
 import json
+from threading import Barrier
 
+from disk import fill
 from lowsnr_bringup.run.frame_ledger import FrameLedger
 from lowsnr_bringup.run.results_folder import Account
 from lowsnr_bringup.run.results_folder import fresh_folder
@@ -11,6 +15,7 @@ from lowsnr_common.core.records import Truth
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.node_settings import RunSettings
 from lowsnr_eval.report.table import format_table
+from lowsnr_eval.scoring.final_summary import reserve_summary
 from lowsnr_eval.scoring.final_summary import summarize
 from lowsnr_eval.scoring.final_summary import write_summary
 from lowsnr_eval.scoring.frame_scoring import Answer
@@ -202,3 +207,26 @@ def test_table_columns_end_together(no_results):
     dashes = [[n for n, char in enumerate(line) if char == '-'] for line in lines[4:6]]
     assert dashes[0] == dashes[1]
     assert len(lines[3]) == len(lines[4]) == len(lines[5])
+
+
+def test_runs_that_start_at_once_have_a_folder_each(tmp_path):
+    runs = 16
+    start = Barrier(runs)
+
+    def begin(_):
+        start.wait()
+        return fresh_folder(tmp_path / 'run')
+
+    with ThreadPoolExecutor(runs) as pool:
+        found = set(pool.map(begin, range(runs)))
+    assert len(found) == runs
+
+
+def test_summary_has_room_on_a_full_disk(results, small_disk):
+    reserve_summary(small_disk, 1)
+    fill(small_disk / 'ballast')
+    write_summary(small_disk, summary_of(results))
+    assert json.loads((small_disk / 'summary.json').read_text())['frames']['scored'] == 1
+    with pytest.raises(OSError) as caught:
+        reserve_summary(small_disk, 100)
+    assert caught.value.errno == errno.ENOSPC

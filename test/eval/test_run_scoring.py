@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from disk import fill
 from lowsnr_bringup.run.results_folder import Account
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.settings.node_settings import Evaluation
@@ -226,3 +227,22 @@ def test_detections_are_scored_where_the_tracker_was_restarted(scorer):
     (scored,) = one.score()
     assert len(scored.answers['sdt'].detections) == 1
     assert scored.answers['sdt'].tracks is None
+
+
+def test_scene_gives_its_room_to_the_scores(scorer, small_disk):
+    one = scorer(small_disk / 'run')
+    files = [small_disk / 'run' / name for name in ('frames.f32', 'scene.jsonl')]
+    for k in range(1, 100):
+        one.scene.add_frame(k * SECOND, np.zeros((20, 20)))
+        answer(one, k, 0.1)
+        one.score()
+    fill(small_disk / 'ballast')
+    assert all(file.stat().st_size for file in files)
+    for k in range(100, 200):
+        answer(one, k, 0.1)
+        one.score()
+    assert len(rows(small_disk / 'run')) < 2 * 199
+    assert one.flush() is None
+    assert [file.stat().st_size for file in files] == [0, 0]
+    assert len(rows(small_disk / 'run')) == 2 * 199
+    assert len(one.scene._answers) == 0  # it takes no more

@@ -65,8 +65,8 @@ def test_a_run_that_is_asked_to_end_keeps_its_scores(bringup, how):
 def test_a_run_outlives_its_terminal(tmp_path):
     ours, theirs = os.openpty()
     with start_bringup(
-            tmp_path / 'run', *RUN, domain_id=own_domain(), start_new_session=True, stdin=theirs,
-            stdout=theirs, stderr=theirs) as run:
+            tmp_path / 'run', *RUN, domain_id=own_domain(), start_new_session=True, umask=0,
+            stdin=theirs, stdout=theirs, stderr=theirs) as run:
         os.close(theirs)
         run.wait_for_rows(40)
         os.close(ours)  # no terminal is left to write to
@@ -74,6 +74,9 @@ def test_a_run_outlives_its_terminal(tmp_path):
         assert run.process.wait(120.0) == 130
         check_account(run)
         run.wait_until_none_is_left()
+    # Nobody else may change what the run has written, although its umask was 0.
+    assert not [path for path in (run.results, *run.results.rglob('*'))
+                if path.stat().st_mode & 0o022]
 
 
 def test_a_source_that_ends_early_is_a_failure(bringup):

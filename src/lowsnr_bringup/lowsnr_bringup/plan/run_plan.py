@@ -98,7 +98,7 @@ def plan_run(options: RunOptions, config_folder: Path, look: Look | None = None)
     name = '-'.join([re.sub(r'[^\w.-]+', '_', source.name), *detectors])
     return RunPlan(
         name, nodes, parameters, built, frames, source.notes,
-        options.endless if options.respawn is None else options.respawn)
+        frames is None if options.respawn is None else options.respawn)
 
 
 def _build_detectors(
