@@ -3,7 +3,6 @@
 import argparse
 from contextlib import ExitStack
 from dataclasses import fields
-import json
 import os
 from pathlib import Path
 import shlex
@@ -21,6 +20,7 @@ if TYPE_CHECKING:
     from lowsnr_bringup.plan.run_plan import RunPlan
     from lowsnr_bringup.run.forked_nodes import NodeServer
     from lowsnr_bringup.run.results_folder import Account
+    from lowsnr_bringup.run.stop_signals import StopSignals
     from lowsnr_detect.calibration.curve import Calibration
     from lowsnr_detect.parts.detector import Detector
 
@@ -34,37 +34,37 @@ def main() -> int:
     options = parse_arguments(sys.argv[1:])
     set_environment(options)
     from lowsnr_bringup.run.forked_nodes import NodeServer
-    with NodeServer() as server:
-        return plan_and_run(options, server)
+    from lowsnr_bringup.run.stop_signals import StopSignals
+    with StopSignals() as stop, NodeServer() as server:
+        return plan_and_run(options, stop, server)
 
 
-def plan_and_run(options: argparse.Namespace, server: 'NodeServer') -> int:
+def plan_and_run(
+    options: argparse.Namespace, stop: 'StopSignals', server: 'NodeServer',
+) -> int:
     """Plan the run, claim its domain and folder, calibrate, and run; return the exit code."""
     from lowsnr_bringup.run.domain import claim_domain
-    from lowsnr_bringup.run.middleware import middleware_environment
     from lowsnr_bringup.run.results_folder import fresh_folder
-    import rclpy
-    with ExitStack() as claim:
+    with ExitStack() as stack:
         try:
             plan = plan_of(options)
-            claim.enter_context(claim_domain())
+            claim = stack.enter_context(claim_domain())
             if options.secure is not None:
                 secure(options.secure, [node.path for node in plan.nodes])
             folder = fresh_folder(options.results or ROOT / 'results' / plan.name)
-            os.environ |= middleware_environment(
-                os.environ, folder, rclpy.get_rmw_implementation_identifier())
-        except ValueError as error:
+            write_parameters(plan, folder)
+        except (OSError, ValueError) as error:
             say(str(error))
             return USAGE
         for note in plan.notes:
             say(note)
         calibrate(plan)
-        write_parameters(plan, folder)
-        return run(plan, folder, server)
+        return run(plan, folder, stop, server, claim.fileno())
 
 
 def set_environment(options: argparse.Namespace) -> None:
-    """Set the ROS domain and how far it reaches, for this process and all nodes."""
+    """Set the ROS domain, how far it reaches, and who may write, here and for all nodes."""
+    os.umask(os.umask(0o022) | 0o022)  # nobody else may change results
     if not os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE'):  # ROS takes an empty one for SUBNET
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     if options.domain_id is not None:
@@ -124,58 +124,92 @@ def calibrate_detector(
 
 
 def write_parameters(plan: 'RunPlan', folder: Path) -> None:
-    """Write the parameter file that every node of the run reads."""
+    """Write what every node of the run reads, and reserve room for the summary."""
     from lowsnr_bringup.plan.graph import to_yaml
+    from lowsnr_bringup.run.middleware import middleware_environment
+    from lowsnr_bringup.run.results_folder import cannot_write
     from lowsnr_bringup.run.results_folder import PARAMETERS_FILE
+    from lowsnr_eval.scoring.final_summary import reserve_summary
+    import rclpy
 
     file = (folder / PARAMETERS_FILE).resolve()
     plan.parameters['/evaluator']['results'] = str(folder.resolve())
     if '/recorder' in plan.parameters:
         plan.parameters['/recorder']['run_parameters'] = str(file)
-    file.write_text(to_yaml(plan.parameters), encoding='utf-8')
+    try:
+        os.environ |= middleware_environment(
+            os.environ, folder, rclpy.get_rmw_implementation_identifier())
+        file.write_text(to_yaml(plan.parameters), encoding='utf-8')
+        reserve_summary(folder, len(plan.detectors))
+    except OSError as error:
+        raise cannot_write(folder, error) from None
 
 
-def run(plan: 'RunPlan', folder: Path, server: 'NodeServer') -> int:
+def run(
+    plan: 'RunPlan', folder: Path, stop: 'StopSignals', server: 'NodeServer', claim: int,
+) -> int:
     """Start the graph, wait for its end, and present what it scored; return the exit code."""
     from lowsnr_bringup.ros.domain_guard import DomainTaken
     from lowsnr_bringup.ros.supervisor import Supervisor
 
     supervisor = Supervisor(
-        plan.nodes, folder, plan.frames, plan.parameters['/evaluator']['answer_within_s'],
-        plan.respawn, server=server)
+        plan.nodes, folder, plan.frames, plan.parameters['/evaluator']['answer_within_s'], stop,
+        claim, plan.respawn, server=server)
+    with stop.deferred():
+        try:
+            status, trouble = supervisor.run()
+        except DomainTaken as error:
+            shutil.rmtree(folder)  # it holds nothing but what this run made
+            say(str(error))
+            return USAGE
+        faults = present(plan, folder, supervisor.account)
+        if faults and supervisor.results.fault:
+            faults.append(supervisor.results.fault)
+        for fault in [*faults, trouble] if trouble else faults:
+            say(fault)
+        print(f'results in {folder}')
+        status = status or int(bool(faults))
     try:
-        status, trouble = supervisor.run()
-    except DomainTaken as error:
-        shutil.rmtree(folder)  # it holds nothing but what this run made
-        say(str(error))
-        return USAGE
-    present(plan, folder, supervisor.account, trouble)
+        if stop.count < 2:
+            present_by_products(plan, folder)
+    except KeyboardInterrupt:
+        status = status or INTERRUPTED
     return status
 
 
-def present(plan: 'RunPlan', folder: Path, account: 'Account', trouble: str) -> None:
-    """Sum up the scores, print them, and write the report."""
-    from lowsnr_bringup.run.results_folder import SUMMARY_FILE
+def present(plan: 'RunPlan', folder: Path, account: 'Account') -> list[str]:
+    """Sum up the scores, write and print them; return what is missing, a line for each kind."""
     from lowsnr_common.settings.text import one_line
     from lowsnr_eval.report.table import format_table
+    from lowsnr_eval.scoring.final_summary import missing_frames
     from lowsnr_eval.scoring.final_summary import summarize_run
+    from lowsnr_eval.scoring.final_summary import write_summary
 
     try:
-        summarize_run(folder, plan.parameters['/evaluator'], account)
+        summary = summarize_run(folder, plan.parameters['/evaluator'], account)
     except (OSError, ValueError) as error:
-        say(f'no summary: {one_line(error)}')
-    summary = folder / SUMMARY_FILE
-    if summary.is_file():
-        print(format_table(json.loads(summary.read_text(encoding='utf-8'))))
-    if trouble:
-        say(trouble)
-    print(f'results in {folder}')
+        return [f'no summary: {one_line(error)}']
+    if summary is None:
+        return ['nothing was scored']
+    faults = missing_frames(summary['frames'])
+    try:
+        write_summary(folder, summary)
+    except ValueError as error:
+        faults.append(f'no summary: {error}')
+    print(format_table(summary))
+    return faults
+
+
+def present_by_products(plan: 'RunPlan', folder: Path) -> None:
+    """Print what was recorded, and write the report."""
+    from lowsnr_bringup.run.results_folder import SUMMARY_FILE
+
     if '/recorder' in plan.parameters:
         from lowsnr_bringup.bags.recording import bags_of_run
         from lowsnr_bringup.bags.recording import summarize_recording
         for bag in bags_of_run(Path(plan.parameters['/recorder']['bag'])):
             print(summarize_recording(bag))
-    if summary.is_file():
+    if (folder / SUMMARY_FILE).is_file():
         report(folder)
 
 

@@ -3,10 +3,10 @@
 import argparse
 from contextlib import closing
 from dataclasses import replace
-import json
 from pathlib import Path
 import shlex
 import sys
+from typing import Any
 from typing import TYPE_CHECKING
 
 from _arguments import INTERRUPTED
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'config'
-DONE = 0
+DONE, FAILED = 0, 1
 
 
 def parse_arguments(arguments: list[str]) -> argparse.Namespace:
@@ -27,7 +27,8 @@ def parse_arguments(arguments: list[str]) -> argparse.Namespace:
     parser = Parser(
         prog='evaluate.py', description=__doc__, allow_abbrev=False,
         epilog='example: python scripts/evaluate.py bags/monday; it starts no node; exit code: 0 '
-        'done, 2 usage error or a bag that cannot be scored, 130 after Ctrl-C')
+        'done, 1 frames of the run are missing, 2 usage error or a bag that cannot be scored, '
+        '130 after Ctrl-C')
     parser.add_argument(
         'bag', type=Path, metavar='BAG',
         help='folder of a rosbag2 bag, or a file; or the results folder of a run, which gets the '
@@ -51,27 +52,30 @@ def main() -> int:
     from lowsnr_bringup.bags.reader import Bag
     from lowsnr_bringup.run.results_folder import FRAMES_FILE
     from lowsnr_common.settings.text import one_line
+    from lowsnr_eval.scoring.final_summary import missing_frames
     from lowsnr_eval.scoring.final_summary import summarize_folder
     try:
         if (options.bag / FRAMES_FILE).is_file():
             folder = options.bag
             if options.results or options.frames_topic or options.truth_topic:
                 raise ValueError(f'{folder}: is a results folder; options are for bags')
-            summarize_folder(folder)
+            summary = summarize_folder(folder)
         else:
             with Bag(options.bag) as bag:
-                folder = score(bag, options)
+                folder, summary = score(bag, options)
                 for note in bag.notes:
                     print(f'evaluate.py: {note}', file=sys.stderr)
     except (OSError, ValueError) as error:
         print(f'evaluate.py: {one_line(error)}', file=sys.stderr)
         return USAGE
-    report(folder)
-    return DONE
+    report(folder, summary)
+    for line in missing_frames(summary['frames']):
+        print(f'evaluate.py: {line}', file=sys.stderr)
+    return FAILED if missing_frames(summary['frames']) else DONE
 
 
-def score(bag: 'Bag', options: argparse.Namespace) -> Path:
-    """Score a bag; return the folder of the results."""
+def score(bag: 'Bag', options: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
+    """Score a bag; return the folder of the results, and their summary."""
     from lowsnr_bringup.bags.recording import CUSTOM_PARAMETERS
     from lowsnr_bringup.plan.config_files import load_config
     from lowsnr_bringup.run.results_folder import Account
@@ -92,19 +96,19 @@ def score(bag: 'Bag', options: argparse.Namespace) -> Path:
     scorer = RunScorer(run, chains.evaluation, lambda sentence, _: bag.notes.append(sentence))
     with closing(scorer):
         score_bag(bag, chains, scorer)
-    write_summary(folder, summarize(
-        folder, run, chains.evaluation, chains.seed, Account(scorer.published)))
-    return folder
+    summary = summarize(
+        folder, run, chains.evaluation, chains.seed, Account(scorer.ledger))
+    write_summary(folder, summary)
+    return folder, summary
 
 
-def report(folder: Path) -> None:
+def report(folder: Path, summary: dict[str, Any]) -> None:
     """Print the figures and write the page that shows the run."""
-    from lowsnr_bringup.run.results_folder import SUMMARY_FILE
     from lowsnr_common.settings.text import one_line
     from lowsnr_eval.report.run_report import write_run_report
     from lowsnr_eval.report.table import format_table
 
-    print(format_table(json.loads((folder / SUMMARY_FILE).read_text(encoding='utf-8'))))
+    print(format_table(summary))
     print(f'results in {folder}')
     command = shlex.join(['python', 'scripts/evaluate.py', *sys.argv[1:]])
     try:

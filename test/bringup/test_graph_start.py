@@ -35,10 +35,6 @@ class Graph:
         """Return the process of a node."""
         return self.members[node]
 
-    def hears_evaluator(self):
-        """Return whether the evaluator has been discovered."""
-        return self.state[NODES[0]] > 0
-
     def hear(self, path, process):
         """Take a sign of life."""
 

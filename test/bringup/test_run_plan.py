@@ -32,6 +32,16 @@ def test_one_chain_stands_at_the_root_consumers_first():
     assert nodes == ['/evaluator', '/tracker', '/sdt_detector', '/sensor']
 
 
+@pytest.mark.parametrize(('options', 'frames'), [
+    ({}, 40), ({'frames': 7}, 7), ({'loop': True}, None),
+    ({'overrides': ['sensor.frames=9']}, 9), ({'overrides': ['sensor.loop=true']}, None)])
+def test_run_knows_how_many_frames_are_to_come(options, frames):
+    run = plan(**options)
+    assert run.frames == frames
+    assert run.parameters['/evaluator']['expected_frames'] == (frames or 0)
+    assert run.respawn == (frames is None)
+
+
 def test_several_chains_stand_in_namespaces_on_the_same_frames():
     nodes = plan(detectors=['cdt', 'sdt', 'cdt']).nodes
     assert [node.path for node in nodes] == [

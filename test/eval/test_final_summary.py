@@ -6,11 +6,13 @@ import subprocess
 import sys
 
 from lowsnr_bringup.plan.graph import to_yaml
+from lowsnr_bringup.run.frame_ledger import FrameLedger
 from lowsnr_bringup.run.results_folder import Account
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.node_settings import RunSettings
 from lowsnr_eval.scoring.final_summary import summarize_folder
 from lowsnr_eval.scoring.final_summary import summarize_run
+from lowsnr_eval.scoring.final_summary import write_summary
 from lowsnr_eval.scoring.run_scoring import RunScorer
 from lowsnr_eval.scoring.run_scoring import TRUTH
 import pytest
@@ -29,15 +31,25 @@ def score_frames(folder, frames):
             scorer.score()
 
 
+def ledger_of(published, scored):
+    """Return the ledger of a run of which the first frames were announced as scored."""
+    ledger = FrameLedger()
+    for k in range(1, published + 1):
+        ledger.publish(k * SECOND)
+    for k in range(1, scored + 1):
+        ledger.score(k * SECOND, k)
+    return ledger
+
+
 def summary_in(folder):
     return json.loads((folder / 'summary.json').read_text())
 
 
 def test_summary_has_the_scores_and_the_account_of_the_starter(tmp_path):
     score_frames(tmp_path, 5)
-    summarize_run(tmp_path, EVALUATOR, Account(8, {'evaluator': 1}))
-    summary = summary_in(tmp_path)
-    assert summary['frames'] == {'published': 8, 'scored': 5, 'unanswered': 0, 'unseen': 3}
+    summary = summarize_run(tmp_path, EVALUATOR, Account(ledger_of(8, 5), {'evaluator': 1}))
+    assert summary['frames'] == {
+        'expected': None, 'published': 8, 'scored': 5, 'unanswered': 0, 'unseen': 3, 'lost': 0}
     assert (summary['scenario'], summary['seed']) == ('s', 4)
     assert summary['restarts'] == {'evaluator': 1}
     assert summary['detectors']['sdt']['operating_point'] == 'matched'
@@ -47,17 +59,16 @@ def test_summary_has_the_scores_and_the_account_of_the_starter(tmp_path):
 def test_run_that_scored_nothing_leaves_no_summary(tmp_path, content):
     if content is not None:
         (tmp_path / 'frames.csv').write_bytes(content)
-    summarize_run(tmp_path, EVALUATOR, Account())
-    assert not (tmp_path / 'summary.json').exists()
+    assert summarize_run(tmp_path, EVALUATOR, Account()) is None
 
 
 def test_frame_that_was_half_written_is_left_out(tmp_path):
     score_frames(tmp_path, 5)
     table = tmp_path / 'frames.csv'
     table.write_bytes(table.read_bytes()[:-10])
-    summarize_run(tmp_path, EVALUATOR, Account(5))
-    assert summary_in(tmp_path)['frames'] == {
-        'published': 5, 'scored': 4, 'unanswered': 0, 'unseen': 1}
+    summary = summarize_run(tmp_path, EVALUATOR, Account(ledger_of(5, 5)))
+    assert summary['frames'] == {
+        'expected': None, 'published': 5, 'scored': 4, 'unanswered': 0, 'unseen': 0, 'lost': 1}
 
 
 @pytest.mark.parametrize(('name', 'old', 'new'), [
@@ -73,10 +84,9 @@ def test_table_that_no_evaluator_wrote_is_named(tmp_path, name, old, new):
     assert old in data
     (tmp_path / name).write_bytes(data.replace(old, new, 1))
     with pytest.raises(ValueError) as caught:
-        summarize_run(tmp_path, EVALUATOR, Account(5))
+        summarize_run(tmp_path, EVALUATOR, Account(ledger_of(5, 5)))
     assert str(caught.value).startswith(f'{tmp_path / name}: ')
     assert str(caught.value).isprintable()
-    assert not (tmp_path / 'summary.json').exists()
 
 
 def test_summary_of_a_killed_run_is_made_from_its_folder(tmp_path):
@@ -86,14 +96,17 @@ def test_summary_of_a_killed_run_is_made_from_its_folder(tmp_path):
         'frame,node,death,down_s\n2,cdt.tracker,was killed,1.000\n4,cdt.tracker,was killed,1.0\n')
     summarize_folder(tmp_path)
     first = summary_in(tmp_path)
-    assert first['frames'] == {'published': 5, 'scored': 5, 'unanswered': 0, 'unseen': 0}
+    assert first['frames'] == {
+        'expected': None, 'published': 5, 'scored': 5, 'unanswered': 0, 'unseen': 0, 'lost': 0}
     assert first['restarts'] == {'cdt.tracker': 2}
     # Where bring-up ended well, what it knows of frames that nobody scored is kept.
-    summarize_run(tmp_path, EVALUATOR, Account(8, {'cdt.tracker': 2}))
-    whole = summary_in(tmp_path)
+    whole = summarize_run(
+        tmp_path, EVALUATOR, Account(ledger_of(9, 6), {'cdt.tracker': 2}))
+    write_summary(tmp_path, whole)
+    first = summary_in(tmp_path)
     summarize_folder(tmp_path)
-    assert summary_in(tmp_path) == whole
-    assert whole['frames']['unseen'] == 3
+    assert summary_in(tmp_path) == first
+    assert (whole['frames']['unseen'], whole['frames']['lost']) == (3, 1)
 
 
 @pytest.mark.parametrize('text', [None, '', '[]', '/evaluator: {}', '/sensor: {}', '{'])
@@ -110,6 +123,7 @@ MEASURE = """
 from pathlib import Path
 import resource
 import sys
+from lowsnr_bringup.run.frame_ledger import FrameLedger
 from lowsnr_bringup.run.results_folder import Account
 from lowsnr_common.settings.node_settings import Evaluation, RunSettings
 from lowsnr_eval.scoring.final_summary import summarize

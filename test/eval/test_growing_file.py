@@ -95,3 +95,16 @@ def test_pieces_beyond_what_may_wait_are_counted_as_lost(small_disk, monkeypatch
     assert (fault.error, fault.waiting, fault.lost) == (None, 0, lost)
     file.close()
     assert (small_disk / 'file').read_bytes() == piece * (20 - lost)
+
+
+def test_a_file_gives_its_room_to_another(small_disk):
+    with closing(GrowingFile(small_disk / 'less')) as less, closing(
+            GrowingFile(small_disk / 'more')) as more:
+        less.append(bytes(2**19))
+        fill(small_disk / 'ballast')
+        more.append(bytes(2**18))
+        less.append(b'waits')
+        assert more.flush().full
+        less.give_way()
+        assert more.flush() is None
+        assert (less.size, less.flush()) == (0, None)

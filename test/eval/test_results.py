@@ -1,8 +1,13 @@
 """The results folder: what is in its files, that nothing is lost, and nothing overwritten."""
 
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
+import errno
 import json
+from threading import Barrier
 
+from disk import fill
+from lowsnr_bringup.run.frame_ledger import FrameLedger
 from lowsnr_bringup.run.results_folder import Account
 from lowsnr_bringup.run.results_folder import fresh_folder
 from lowsnr_common.core.records import Estimate
@@ -10,6 +15,7 @@ from lowsnr_common.core.records import Truth
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.node_settings import RunSettings
 from lowsnr_eval.report.table import format_table
+from lowsnr_eval.scoring.final_summary import reserve_summary
 from lowsnr_eval.scoring.final_summary import summarize
 from lowsnr_eval.scoring.final_summary import write_summary
 from lowsnr_eval.scoring.frame_scoring import Answer
@@ -42,9 +48,9 @@ def score_two_frames(tables):
         tables.add(score_frame(frame, stamp_s, truth, answers, Evaluation()), answers)
 
 
-def summary_of(folder, scenario='example3', published=0):
+def summary_of(folder, scenario='example3', ledger=None):
     """Return the summary of a run whose tables lie in a folder."""
-    return summarize(folder, RunSettings(scenario=scenario), Evaluation(), 7, Account(published))
+    return summarize(folder, RunSettings(scenario=scenario), Evaluation(), 7, Account(ledger))
 
 
 @pytest.fixture
@@ -89,13 +95,15 @@ def test_any_ids_are_read_back_as_they_were(tmp_path, ids):
 
 
 def test_summary_has_the_stable_keys(results):
-    write_summary(results, summary_of(results, published=3))
+    ledger = FrameLedger(number=2)
+    ledger.publish(3)
+    write_summary(results, summary_of(results, ledger=ledger))
     summary = json.loads((results / 'summary.json').read_text())
     assert list(summary) == [
         'schema', 'scenario', 'seed', 'frames', 'restarts', 'evaluation', 'detectors']
     assert (summary['schema'], summary['scenario'], summary['seed']) == (1, 'example3', 7)
     assert summary['frames'] == {
-        'published': 3, 'scored': 1, 'unanswered': 1, 'unseen': 1}
+        'expected': None, 'published': 3, 'scored': 1, 'unanswered': 1, 'unseen': 1, 'lost': 0}
     assert summary['restarts'] == {}
     assert summary['evaluation']['gate_cells'] == 1.5
     chain = summary['detectors']['sdt']
@@ -113,7 +121,7 @@ def test_summary_has_the_stable_keys(results):
 def test_summary_of_no_frames_has_no_figures(no_results):
     summary = summary_of(no_results)
     assert summary['frames'] == {
-        'published': 0, 'scored': 0, 'unanswered': 0, 'unseen': 0}
+        'expected': None, 'published': 0, 'scored': 0, 'unanswered': 0, 'unseen': 0, 'lost': 0}
     assert summary['detectors']['sdt']['detection']['pd'] is None
 
 
@@ -199,3 +207,26 @@ def test_table_columns_end_together(no_results):
     dashes = [[n for n, char in enumerate(line) if char == '-'] for line in lines[4:6]]
     assert dashes[0] == dashes[1]
     assert len(lines[3]) == len(lines[4]) == len(lines[5])
+
+
+def test_runs_that_start_at_once_have_a_folder_each(tmp_path):
+    runs = 16
+    start = Barrier(runs)
+
+    def begin(_):
+        start.wait()
+        return fresh_folder(tmp_path / 'run')
+
+    with ThreadPoolExecutor(runs) as pool:
+        found = set(pool.map(begin, range(runs)))
+    assert len(found) == runs
+
+
+def test_summary_has_room_on_a_full_disk(results, small_disk):
+    reserve_summary(small_disk, 1)
+    fill(small_disk / 'ballast')
+    write_summary(small_disk, summary_of(results))
+    assert json.loads((small_disk / 'summary.json').read_text())['frames']['scored'] == 1
+    with pytest.raises(OSError) as caught:
+        reserve_summary(small_disk, 100)
+    assert caught.value.errno == errno.ENOSPC

@@ -42,7 +42,7 @@ def score(folder, frames):
             answers = {'sdt': answer}
             tables.add(score_frame(k, float(k), truth, answers, Evaluation()), answers)
     write_summary(folder, summarize(
-        folder, RunSettings(scenario='made up'), Evaluation(), 0, Account(len(frames))))
+        folder, RunSettings(scenario='made up'), Evaluation(), 0, Account()))
 
 
 @pytest.fixture

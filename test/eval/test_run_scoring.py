@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from disk import fill
 from lowsnr_bringup.run.results_folder import Account
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.settings.node_settings import Evaluation
@@ -34,7 +35,7 @@ class Scorer(RunScorer):
 
     def summary(self):
         return summarize(Path(self.settings.results), self.settings, Evaluation(), 4,
-                         Account(self.published))
+                         Account(self.ledger))
 
 
 @pytest.fixture
@@ -91,7 +92,8 @@ def test_without_truth_only_declarations_are_counted(scorer, tmp_path):
             one.add_array(topic, k * SECOND, [entry()] * k * ('cdt' in topic), float(k))
     assert [scored.number for scored in one.score()] == [1, 2]
     summary = one.summary()
-    assert summary['frames'] == {'published': 2, 'scored': 2, 'unanswered': 0, 'unseen': 0}
+    assert summary['frames'] == {
+        'expected': None, 'published': 2, 'scored': 2, 'unanswered': 0, 'unseen': 0, 'lost': 0}
     assert summary['detectors']['cdt']['operating_point'] == 'nominal'
     for name, declared in (('cdt', 3), ('sdt', 0)):
         for level in ('detection', 'tracking'):
@@ -125,7 +127,8 @@ def test_frame_that_waited_too_long_is_unanswered(scorer, tmp_path):
     assert one.score(older_than_s=0.5) == []
     assert len(one.score(older_than_s=1.5)) == 1
     summary = one.summary()
-    assert summary['frames'] == {'published': 1, 'scored': 0, 'unanswered': 1, 'unseen': 0}
+    assert summary['frames'] == {
+        'expected': None, 'published': 1, 'scored': 0, 'unanswered': 1, 'unseen': 0, 'lost': 0}
     assert [row[5:] for row in rows(tmp_path / 'run')] == [[''] * 9] * 2
 
 
@@ -169,7 +172,7 @@ def test_restarted_evaluator_continues_the_tables(scorer, tmp_path, unbroken, de
     score_all(scorer('broken'), SHIFTS[:4])
     leave(broken)
     second = scorer('broken', resumed=True)
-    assert second.number == second.published == whole
+    assert second.number == second.ledger.published == whole
     # A tracker that is late gets no second line for a frame that was scored.
     assert second.add_array('tracks', whole * SECOND, [], 9.0) is Arrival.LATE
     score_all(second, SHIFTS[whole:], whole + 1)
@@ -188,7 +191,7 @@ def test_evaluator_that_died_before_its_first_frame_begins_again(scorer, tmp_pat
     scorer()
     cut(tmp_path / 'run' / 'frames.csv', 20)
     second = scorer(resumed=True)
-    assert (second.number, second.published) == (0, 0)
+    assert (second.number, second.ledger.published) == (0, 0)
     score_all(second, SHIFTS[:1])
     assert [row[0] for row in rows(tmp_path / 'run')] == ['1', '1']
 
@@ -224,3 +227,22 @@ def test_detections_are_scored_where_the_tracker_was_restarted(scorer):
     (scored,) = one.score()
     assert len(scored.answers['sdt'].detections) == 1
     assert scored.answers['sdt'].tracks is None
+
+
+def test_scene_gives_its_room_to_the_scores(scorer, small_disk):
+    one = scorer(small_disk / 'run')
+    files = [small_disk / 'run' / name for name in ('frames.f32', 'scene.jsonl')]
+    for k in range(1, 100):
+        one.scene.add_frame(k * SECOND, np.zeros((20, 20)))
+        answer(one, k, 0.1)
+        one.score()
+    fill(small_disk / 'ballast')
+    assert all(file.stat().st_size for file in files)
+    for k in range(100, 200):
+        answer(one, k, 0.1)
+        one.score()
+    assert len(rows(small_disk / 'run')) < 2 * 199
+    assert one.flush() is None
+    assert [file.stat().st_size for file in files] == [0, 0]
+    assert len(rows(small_disk / 'run')) == 2 * 199
+    assert len(one.scene._answers) == 0  # it takes no more

@@ -30,6 +30,7 @@ from lowsnr_eval.report.overlay import Trails
 from lowsnr_eval.report.palette import stretch
 from lowsnr_eval.report.table import format_table
 from lowsnr_eval.ros.view_messages import scene_to_markers
+from lowsnr_eval.scoring.final_summary import missing_frames
 from lowsnr_eval.scoring.final_summary import summarize
 from lowsnr_eval.scoring.frame_scoring import compare
 from lowsnr_eval.scoring.run_scoring import NO_TRUTH
@@ -103,10 +104,10 @@ def test_scorer_takes_any_input(place, fed, truth):
                 scorer.add_array(topic, stamp_ns, entries, 0.0)
             scorer.score()
         scorer.score(float('inf'))
-    summary = summarize(place, run, Evaluation(), 0, Account(scorer.published))
+    summary = summarize(place, run, Evaluation(), 0, Account(scorer.ledger))
     assert format_table(json.loads(json.dumps(summary, allow_nan=False)))
-    assert summary['frames']['published'] == max(scorer.published, scorer.number)
-    assert summary['frames']['unseen'] <= len(rejected)
+    assert summary['frames']['unseen'] == len(rejected)
+    assert len(missing_frames(summary['frames'])) == bool(rejected)  # the account adds up
     with (place / 'frames.csv').open(newline='') as file:
         rows = list(csv.reader(file))
     assert rows[0] == list(FRAME_COLUMNS)

@@ -135,7 +135,7 @@ def write_results(folder, name='object'):
             scene.add_answers(k, k, truth, answers)
             tables.add(score_frame(k, float(k), truth, answers, Evaluation()), answers)
     write_summary(folder, summarize(
-        folder, RunSettings(scenario=name), Evaluation(), 0, Account(4)))
+        folder, RunSettings(scenario=name), Evaluation(), 0, Account()))
 
 
 @pytest.fixture(scope='module')

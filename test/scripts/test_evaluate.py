@@ -112,7 +112,8 @@ def test_without_truth_declarations_are_counted(recorded, tmp_path):
     assert (done.returncode, done.stderr) == (0, '')
     summary = json.loads((tmp_path / 'run' / 'summary.json').read_text())
     assert summary['frames'] == {
-        'published': FRAMES, 'scored': FRAMES, 'unanswered': 0, 'unseen': 0}
+        'expected': FRAMES, 'published': FRAMES, 'scored': FRAMES, 'unanswered': 0, 'unseen': 0,
+        'lost': 0}
     levels = summary['detectors']['sdt']
     theirs = json.loads((live / 'summary.json').read_text())['detectors']['sdt']
     for level in ('detection', 'tracking'):

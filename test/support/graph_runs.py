@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from typing import Any
 from typing import Self
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -151,15 +152,16 @@ class GraphRun:
                 os.kill(pid, signal.SIGKILL)
         self.process.wait()
         for stream in (self.process.stdout, self.process.stderr):
-            stream.close()
+            if stream is not None:
+                stream.close()
 
 
-def start_bringup(results: Path, *arguments: str, domain_id: int) -> GraphRun:
-    """Start ``bringup.py``, which writes its results into the folder given."""
+def start_bringup(results: Path, *arguments: str, domain_id: int, **how: Any) -> GraphRun:
+    """Start ``bringup.py``, which writes its results into the folder given; `how` is Popen's."""
     process = subprocess.Popen(
         [sys.executable, str(BRINGUP), '--results', str(results), *arguments],
-        env=graph_environment(domain_id), stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        text=True)
+        env=graph_environment(domain_id), text=True,
+        **{'stdout': subprocess.PIPE, 'stderr': subprocess.PIPE} | how)
     return GraphRun(process, results)
 
 

@@ -1,12 +1,18 @@
 """A run that cannot start ends with code 2 and one line that names the culprit and a remedy."""
 
+from contextlib import closing
+import errno
 import os
 import sys
+from types import SimpleNamespace
 
 import bringup
+from disk import fill
 from graph_runs import own_domain
 from graph_runs import run_bringup
 from keystores import empty_keystore
+from lowsnr_bringup.run.results_folder import Account
+from lowsnr_eval.scoring.score_tables import ScoreTables
 import pytest
 
 USAGE = 2
@@ -116,3 +122,25 @@ def test_enclave_that_the_middleware_does_not_take_is_named(refusal, tmp_path):
     line = refusal('--detector', 'cdt', '--secure', str(keys))
     assert '--secure' in line
     assert '(/bringup: ' in line
+
+
+def test_results_on_a_full_disk_start_nothing(small_disk):
+    fill(small_disk / 'ballast')
+    done = run_bringup('--detector', 'cdt', '--results', str(small_disk / 'run'))
+    assert (done.returncode, done.stdout) == (USAGE, '')
+    line, = done.stderr.splitlines()
+    assert str(small_disk / 'run') in line
+    assert os.strerror(errno.ENOSPC) in line
+    assert not (small_disk / 'run' / 'log').exists()
+
+
+def test_summary_that_cannot_be_written_is_said(tmp_path, capsys):
+    evaluator = {'detectors': ['cdt'], 'operating_points': ['matched']}
+    with closing(ScoreTables(tmp_path, ['cdt'])):
+        (tmp_path / 'summary.json').mkdir()
+    faults = bringup.present(
+        SimpleNamespace(parameters={'/evaluator': evaluator}), tmp_path, Account())
+    assert len(faults) == 1
+    assert str(tmp_path) in faults[0]
+    assert os.strerror(errno.EISDIR) in faults[0]
+    assert '0 frames published' in capsys.readouterr().out

@@ -30,7 +30,8 @@ def test_one_detector_scores_every_frame(twice):
     run, ((out, err), _), _ = twice
     summary = run.summary()
     assert summary['frames'] == {
-        'published': FRAMES, 'scored': FRAMES, 'unanswered': 0, 'unseen': 0}
+        'expected': FRAMES, 'published': FRAMES, 'scored': FRAMES, 'unanswered': 0, 'unseen': 0,
+        'lost': 0}
     assert summary['detectors']['sdt']['operating_point'] == 'matched'
     words = out.split()
     assert {'sdt', 'detection', 'tracking', str(FRAMES)} <= set(words)
@@ -78,7 +79,8 @@ def test_all_detectors_run_side_by_side(bringup):
     code, out, err = run.finish(within_s=600.0)
     assert code == 0, err
     summary = run.summary()
-    assert summary['frames'] == {'published': 12, 'scored': 12, 'unanswered': 0, 'unseen': 0}
+    assert summary['frames'] == {
+        'expected': 12, 'published': 12, 'scored': 12, 'unanswered': 0, 'unseen': 0, 'lost': 0}
     for name in names:
         levels = summary['detectors'][name]
         assert levels['detection']['unanswered'] == levels['tracking']['unanswered'] == 0

@@ -95,7 +95,7 @@ def test_other_detectors_run_on_the_frames_that_were_recorded(bringup, recorded)
     both, _ = frames_csv(run)
     assert both.count(b'\n') == 1 + 2 * 2 * 5
     assert run.summary()['frames'] == {
-        'published': 5, 'scored': 5, 'unanswered': 0, 'unseen': 0}
+        'expected': 5, 'published': 5, 'scored': 5, 'unanswered': 0, 'unseen': 0, 'lost': 0}
 
 
 def camera_bag(folder, frames=12):
@@ -115,7 +115,8 @@ def test_bag_without_truth_is_replayed_at_its_own_pace_and_counted(bringup, tmp_
     table, _ = frames_csv(run)
     summary = run.summary()
     assert summary['scenario'] == 'beach'
-    assert summary['frames'] == {'published': 12, 'scored': 12, 'unanswered': 0, 'unseen': 0}
+    assert summary['frames'] == {
+        'expected': 12, 'published': 12, 'scored': 12, 'unanswered': 0, 'unseen': 0, 'lost': 0}
     detection = summary['detectors']['cdt']['detection']
     assert detection['declared'] > 0
     assert detection['frames_without_truth'] == 12

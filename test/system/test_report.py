@@ -41,6 +41,7 @@ def test_report_that_cannot_be_written_costs_nothing_else(bringup):
     code, out, err = run.finish()
     assert code == 0, err
     assert run.summary()['frames'] == {
-        'published': FRAMES, 'scored': FRAMES, 'unanswered': 0, 'unseen': 0}
+        'expected': FRAMES, 'published': FRAMES, 'scored': FRAMES, 'unanswered': 0, 'unseen': 0,
+        'lost': 0}
     assert str(run.results / 'report.html') in err
     assert 'Traceback' not in err

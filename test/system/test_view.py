@@ -169,7 +169,8 @@ def test_run_goes_on_without_a_viewer_that_died(widowed):
     assert code == 0, err
     assert [line for line in err.splitlines() if 'viewer' in line and 'SIGKILL' in line]
     assert run.summary()['frames'] == {
-        'published': FRAMES, 'scored': FRAMES, 'unanswered': 0, 'unseen': 0}
+        'expected': FRAMES, 'published': FRAMES, 'scored': FRAMES, 'unanswered': 0, 'unseen': 0,
+        'lost': 0}
 
 
 def test_rviz_configuration_shows_the_topics_of_the_viewer():

@@ -87,6 +87,7 @@ class EvaluatorNode(ManagedNode):
 
     def _close(self) -> None:
         if scorer := self.__dict__.pop('_scorer', None):
+            scorer.score(float('inf'))  # nothing more arrives of what it has seen
             scorer.close()
 
     def _on_array(self, topic: str, message: Detection2DArray) -> None:
@@ -132,8 +133,8 @@ class EvaluatorNode(ManagedNode):
         self._score()
 
     def _flush(self) -> None:
-        fault = self._scorer.tables.flush()
-        self.broken = f'{fault}; scores are kept until they can be written' if fault else ''
+        fault = self._scorer.flush()
+        self.broken = str(fault or '')
 
     def _score(self, older_than_s: float = -float('inf')) -> None:
         """Score and announce the frames that are complete, or older than a time [s]."""

@@ -89,14 +89,16 @@ def plan_run(options: RunOptions, config_folder: Path, look: Look | None = None)
         overrides)  # --set
     built = _build_detectors(nodes, parameters)
     _fill_in(nodes, parameters, built)
+    frames = _frames(source, parameters)
+    parameters['/evaluator']['expected_frames'] = frames or 0
     for node in nodes:
         for cls in graph.settings_classes(node.name):
             graph.build(cls, parameters[node.path], node.label)
     # A bag may give its scenario any name; the results stay in their folder.
     name = '-'.join([re.sub(r'[^\w.-]+', '_', source.name), *detectors])
     return RunPlan(
-        name, nodes, parameters, built, _frames(options, source), source.notes,
-        options.endless if options.respawn is None else options.respawn)
+        name, nodes, parameters, built, frames, source.notes,
+        frames is None if options.respawn is None else options.respawn)
 
 
 def _build_detectors(
@@ -130,9 +132,12 @@ def _fill_in(
                 'patience_s', evaluator.get('answer_within_s', 10.0) + _PATIENCE_BEYOND_S)
 
 
-def _frames(options: RunOptions, source: Source) -> int | None:
+def _frames(source: Source, parameters: Mapping[str, Values]) -> int | None:
     """Return the number of frames of a run, None for one without end."""
-    if options.endless:
+    if not source.node:
         return None
-    frames = options.frames or source.frames
-    return min(frames, source.frames) if options.replay is not None else frames
+    values = parameters[f'/{source.node}']
+    if values.get('loop'):
+        return None
+    frames = int(values.get('frames') or source.frames)
+    return min(frames, source.frames) if source.node == 'player' else frames

@@ -19,9 +19,9 @@ from lowsnr_bringup.ros.domain_guard import DomainGuard
 from lowsnr_bringup.ros.node_watch import StateWatch
 from lowsnr_bringup.ros.node_watch import StrangerWatch
 from lowsnr_bringup.ros.transition import PendingTransition
+from lowsnr_bringup.run.frame_ledger import FrameLedger
 from lowsnr_bringup.run.processes import ProcessGroup
 from lowsnr_common.core.line import Line
-from lowsnr_common.core.records import Malformed
 from lowsnr_common.core.timeline import StampOrder
 from lowsnr_common.core.timeline import Timeline
 from lowsnr_common.ros.bringup_line import CHANGE_STATE
@@ -85,12 +85,13 @@ class Manager:
         self._node = self._within.enter_context(bringup_node())
         self.guard = DomainGuard(self._node, (node.path for node in nodes))
         self._restarts = self._node.create_publisher(DiagnosticArray, RESTARTS, reliable(100))
-        self.published, self.newest_ns, self._timeline = 0, -1, Timeline()
+        self.ledger, self.newest_ns, self._timeline = FrameLedger(), -1, Timeline()
         self.restarted: Counter[str] = Counter()
+        self._has_source = any(node.source for node in nodes)
         self._labels = {node.path: node.label for node in nodes}
         self.heard: dict[str, tuple[str, float]] = {}  # process and time of the last sign
         self._active: dict[str, str] = {}  # process by node
-        self.statuses: dict[str, DiagnosticStatus] = {}  # the newest of each active node
+        self.statuses: dict[str, DiagnosticStatus] = {}  # the newest while a node was active
         self._state_watch: StateWatch | None = StateWatch()
         self._strangers = StrangerWatch()
         # The faults of a camera are printed with all others of its node.
@@ -173,10 +174,10 @@ class Manager:
         self._restarts.publish(message)  # for people and bags; no node of the run believes it
 
     def _count(self, message: DiagnosticArray) -> None:
-        try:
-            scored = FrameScored.from_message(message)
-        except Malformed:
-            return  # not from the evaluator
+        scored = FrameScored.from_message(message)
+        if not self._has_source:  # of a camera only what the evaluator sees is known
+            self.ledger.publish(scored.stamp_ns)
+        self.ledger.score(scored.stamp_ns, scored.frame)
         self.scored = max(self.scored, scored.frame)
         self._detections += sum(chain.detections for chain in scored.chains)
         self._tracks += sum(chain.tracks for chain in scored.chains)
@@ -184,8 +185,8 @@ class Manager:
 
     def _on_clock(self, message: Clock) -> None:
         stamp = stamp_key(message.clock)
+        self.ledger.publish(stamp)
         if self._timeline.classify(stamp) is not StampOrder.LATE:
-            self.published += 1
             self.newest_ns = stamp
 
     def _on_parameters(self, event: ParameterEvent) -> None:
@@ -203,6 +204,7 @@ class Manager:
             self.hear(status.name, process)
             if state == 'active':
                 self._active[status.name] = process
+            if state in ('active', 'deactivating'):
                 self.statuses[status.name] = status
             if status.name not in self._cameras:
                 self._strangers.update(status)

@@ -1,4 +1,4 @@
-"""What bring-up prints about nodes in a run: faults of a camera, strangers, changes of state."""
+"""What bring-up prints about nodes: faults of cameras and results, strangers, their states."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from lowsnr_common.ros.connections import OTHER_QOS
 from lowsnr_common.ros.connections import OTHER_TYPE
 from lowsnr_common.ros.connections import SEVERAL_PUBLISHERS
 from lowsnr_common.ros.diagnostics import faults_of
+from lowsnr_common.ros.managed_node import BROKEN
 
 # A fault that has not been reported for this long counts as a new one.
 _NEW_AFTER_S = 60.0
@@ -62,6 +63,26 @@ class StrangerWatch:
                 if self.clock() - self._seen_s.get(key, -_NEW_AFTER_S) >= _NEW_AFTER_S:
                     notify(sentence)
                 self._seen_s[key] = self.clock()
+
+
+@dataclass
+class ResultsWatch:
+    """
+    Prints when the evaluator cannot write its scores, and when it can again.
+
+    ``fault`` says why not, empty while it can.
+    """
+
+    fault: str = ''
+
+    def update(self, status: DiagnosticStatus) -> None:
+        """Take the evaluator's newest status."""
+        before, self.fault = self.fault, next(
+            (text for key, text in faults_of(status).items() if key.endswith(f' {BROKEN}')), '')
+        if self.fault and not before:
+            notify(self.fault)
+        elif before and not self.fault:
+            notify('scores are written again')
 
 
 @dataclass

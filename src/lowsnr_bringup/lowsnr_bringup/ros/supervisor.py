@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from collections.abc import Sequence
 from contextlib import closing
+from contextlib import suppress
 import os
 from pathlib import Path
 import signal
 import time
-from typing import Any
 
 from lowsnr_bringup.plan.graph import Node
 from lowsnr_bringup.ros.graph_start import GraphStart
@@ -17,6 +17,7 @@ from lowsnr_bringup.ros.manager import DEACTIVATE
 from lowsnr_bringup.ros.manager import GraphFailure
 from lowsnr_bringup.ros.manager import Manager
 from lowsnr_bringup.ros.node_watch import CameraWatch
+from lowsnr_bringup.ros.node_watch import ResultsWatch
 from lowsnr_bringup.ros.respawner import Respawner
 from lowsnr_bringup.run.forked_nodes import NodeServer
 from lowsnr_bringup.run.hang_watch import HangWatch
@@ -26,6 +27,7 @@ from lowsnr_bringup.run.processes import notify
 from lowsnr_bringup.run.processes import ProcessGroup
 from lowsnr_bringup.run.results_folder import Account
 from lowsnr_bringup.run.results_folder import PARAMETERS_FILE
+from lowsnr_bringup.run.stop_signals import StopSignals
 from tqdm import tqdm
 
 _END_WITHIN_S = 30.0
@@ -36,7 +38,7 @@ DONE, FAILED, INTERRUPTED = 0, 1, 130
 
 
 class Interrupted(Exception):
-    """A signal asks the run to end."""
+    """A signal asks the run to end, or to end faster."""
 
 
 class Supervisor:
@@ -54,6 +56,10 @@ class Supervisor:
     answer_within_s
         Wall time after which the evaluator counts a frame as unanswered, and a node that gives
         no sign of life as hanging [s].
+    stop
+        The signals that ask the run to end; the first ends it in order, another faster.
+    claim
+        File descriptor of the claim on the ROS domain, which every node holds too.
     respawn
         Whether nodes that die or hang are started again; a node that hangs while the graph starts
         is in any case, because nothing is lost by that.
@@ -66,8 +72,8 @@ class Supervisor:
 
     def __init__(
         self, nodes: Sequence[Node], folder: Path, frames: int | None, answer_within_s: float,
-        respawn: bool = False, environment: Mapping[str, str] = os.environ,
-        server: NodeServer | None = None,
+        stop: StopSignals, claim: int, respawn: bool = False,
+        environment: Mapping[str, str] = os.environ, server: NodeServer | None = None,
     ) -> None:
         self._nodes = nodes
         self._folder = folder
@@ -75,10 +81,11 @@ class Supervisor:
         self._patience_s = answer_within_s + _PATIENCE_BEYOND_S
         self._hang_watch = HangWatch(answer_within_s)
         self._environment, self._server = environment, server
-        self._signal = 0
+        self._stop, self._claim = stop, claim
+        self._stops_faster: int | None = None  # once the run ends: signals that end it faster
         self._respawn = respawn
         self.account = Account()
-        self._watch = CameraWatch()
+        self._watch, self.results = CameraWatch(), ResultsWatch()
         self._missed: dict[Node, str] = {}  # nodes that stay dead, and how they died
 
     def run(self) -> tuple[int, str]:
@@ -91,23 +98,22 @@ class Supervisor:
             If nodes of another run answer on the domain; this run has changed none of them.
 
         """
-        before = {s: signal.signal(s, self._on_signal) for s in (signal.SIGINT, signal.SIGTERM)}
-        try:
-            with ProcessGroup(
-                    self._folder / 'log', self._environment, self._server) as self._group, \
-                    closing(Manager(
-                        self._group, self._nodes, self._check, self._on_scored)) as self._manager:
-                if self._server is not None:
-                    self._server.wait()
-                self._manager.guard.check_before_start()
-                return self._run_processes()
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
+        with ProcessGroup(
+                self._folder / 'log', self._environment, self._server,
+                self._claim) as self._group, \
+                closing(Manager(
+                    self._group, self._nodes, self._check, self._on_scored)) as self._manager:
+            if self._server is not None:
+                self._server.wait()
+            self._manager.guard.check_before_start()
+            try:
+                for node in self._nodes:
+                    self._group.start(node, self._folder / PARAMETERS_FILE)
+            except OSError as error:
+                return (FAILED, f'{node.label} cannot be started: {error}')
+            return self._run_processes()
 
     def _run_processes(self) -> tuple[int, str]:
-        for node in self._nodes:
-            self._group.start(node, self._folder / PARAMETERS_FILE)
         with tqdm(
             desc='starting', total=self._frames, unit=' frames', disable=None,
         ) as self._bar:
@@ -124,8 +130,8 @@ class Supervisor:
                 return (FAILED, str(error)) if failed else (INTERRUPTED, 'interrupted')
             finally:
                 self._manager.catch_up()
-                self.account.published = self._manager.published
-                self.account.restarts = self._manager.restarted
+                self._watch_nodes()
+                self.account = Account(self._manager.ledger, self._manager.restarted)
 
     def _follow(self) -> None:
         """Start the graph, and wait until the source is done and its frames are scored."""
@@ -135,8 +141,9 @@ class Supervisor:
         self._bar.set_description('running')
         while not self._source_done():
             self._manager.spin(0.1)
+        self._manager.catch_up()
         scored, since = self._manager.scored, time.monotonic()
-        while self._manager.scored != self._frames and self._frames is not None:
+        while self._manager.ledger.awaits and self._frames is not None:
             self._manager.spin(0.1)
             if self._manager.scored != scored:
                 scored, since = self._manager.scored, time.monotonic()
@@ -147,19 +154,21 @@ class Supervisor:
         """
         Deactivate the source first, and the evaluator after all whose answers it scores.
 
-        The recorder comes last, because it records the others.
+        The recorder comes last, because it records the others.  Where a signal asks for it, nodes
+        end without that: the evaluator has written what it scored.
         """
-        self._check_enabled = False
+        self._stops_faster = self._stop.count + 1
         self._manager.expect_changes()
         known = self._respawner.away | set(self._missed)
         dead = {member.node for member in self._group.dead()} | known
         recorders = [node for node in self._nodes if node.name == 'recorder']
         others = [node for node in reversed(self._nodes) if node not in recorders]
-        for member in map(self._group.member, others + recorders):
-            if member.node not in dead:
-                self._deactivate(member, within_s)
-            if member.process.poll() and member.node not in known:
-                notify(f'while stopping: {member.node.label} {member.death()}')
+        with suppress(Interrupted):
+            for member in map(self._group.member, others + recorders):
+                if member.node not in dead:
+                    self._deactivate(member, within_s)
+                if member.process.poll() and member.node not in known:
+                    notify(f'while stopping: {member.node.label} {member.death()}')
 
     def _deactivate(self, member: NodeProcess, within_s: float) -> None:
         """Deactivate a node, also one that was stopped, and print why if that fails."""
@@ -170,14 +179,12 @@ class Supervisor:
         except GraphFailure as error:
             notify(f'while stopping: {error}')
 
-    _check_enabled = True
-
     def _check(self) -> None:
         """Handle dead nodes; raise if the run is interrupted or cannot go on without one."""
-        if not self._check_enabled:
-            return
-        if self._signal:
+        if self._stop.count >= (self._stops_faster or 1):
             raise Interrupted
+        if self._stops_faster:
+            return
         if not self._respawner.autostart:
             self._manager.guard.check()
         for member in self._group.dead():
@@ -188,7 +195,7 @@ class Supervisor:
                 self._continue_without(member)
         self._respawner.update()
         self._end_hanging()
-        self._watch_camera()
+        self._watch_nodes()
 
     def _end_hanging(self) -> None:
         """Kill the nodes that hang where they are to be started again, otherwise name them."""
@@ -201,11 +208,12 @@ class Supervisor:
                 self._hang_watch.name(
                     member, how, '; only with --respawn does bring-up start it again')
 
-    def _watch_camera(self) -> None:
-        """Print the faults that the node nearest to the camera reports."""
-        path = next((node.path for node in reversed(self._nodes) if node.live), '')
-        if path in self._manager.statuses:
-            self._watch.update(self._manager.statuses.pop(path))
+    def _watch_nodes(self) -> None:
+        """Print the faults of the node nearest to the camera, and of the evaluator's results."""
+        camera = next((node.path for node in reversed(self._nodes) if node.live), '')
+        for path, watch in ((camera, self._watch), ('/evaluator', self.results)):
+            if path in self._manager.statuses:
+                watch.update(self._manager.statuses.pop(path))
 
     def _continue_without(self, member: NodeProcess) -> None:
         """Continue without a node that stays dead, or raise if the run needs it."""
@@ -220,9 +228,6 @@ class Supervisor:
     def _source_done(self) -> bool:
         return any(member.node.source and member.process.returncode == 0
                    for member in self._group.dead())
-
-    def _on_signal(self, number: int, _: Any) -> None:
-        self._signal = number
 
     def _on_scored(self, frame: int, detections: int, tracks: int) -> None:
         self._bar.update(frame - self._bar.n)

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 import fcntl
 import os
 from pathlib import Path
+import re
 import stat
 import tempfile
+import time
 from typing import TextIO
 
 _LARGEST = 232  # DDS has no ports for more
+# A node of a run, by its command.
+_NODE = re.compile(r' -m lowsnr_\w+\.(?:\w+\.)*(\w+_node) ')
+# How long nodes may take to end after their bring-up was killed.
+_ENDING_S, _LOOK_EVERY_S = 5.0, 0.05
 _REMEDY = ': remove it, or set TMPDIR to a folder of your own'
 
 
@@ -33,14 +40,36 @@ def claim_domain() -> TextIO:
     if not (number.isdecimal() and int(number) <= _LARGEST):
         raise ValueError(f'ROS_DOMAIN_ID = {number!r}, must be a whole number in [0, {_LARGEST}]')
     claim = _open(Path(tempfile.gettempdir(), f'lowsnr-{os.getuid()}-domain-{number}.lock'))
-    try:
-        fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        claim.close()
+    until = time.monotonic() + _ENDING_S
+    while True:
+        try:
+            fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return claim
+        except OSError:
+            holders = _holders(claim)
+        nodes = [match and match[1] for match in map(_NODE.search, holders.values())]
+        if not nodes or None in nodes or time.monotonic() > until:
+            break
+        time.sleep(_LOOK_EVERY_S)  # their bring-up was killed, and they are ending
+    claim.close()
+    if not nodes or None in nodes:
         raise ValueError(
-            f'another run uses ROS domain {number}: end it, or choose another with --domain-id'
-        ) from None
-    return claim
+            f'another run uses ROS domain {number}: end it, or choose another with --domain-id')
+    left = ', '.join(f'{node} (process {pid})' for pid, node in zip(holders, nodes))
+    raise ValueError(f'nodes that an earlier run left behind use ROS domain {number}: {left}: '
+                     'kill them, or choose another with --domain-id')
+
+
+def _holders(claim: TextIO) -> dict[int, str]:
+    """Return the commands of the other processes that hold a claim, by process id."""
+    found, own = {}, os.fstat(claim.fileno())
+    for process in Path('/proc').glob('[0-9]*'):
+        with suppress(OSError):  # it has ended, or belongs to another user
+            if int(process.name) != os.getpid() and any(
+                    os.path.samestat(file.stat(), own) for file in (process / 'fd').iterdir()):
+                command = (process / 'cmdline').read_bytes().replace(b'\0', b' ')
+                found[int(process.name)] = command.decode(errors='replace')
+    return found
 
 
 def _open(path: Path) -> TextIO:

@@ -99,7 +99,7 @@ class NodeServer:
 
     def fork(
         self, module: str, arguments: list[str], environment: dict[str, str], log: int,
-        lifeline: int,
+        lifeline: int, *held: int,
     ) -> ForkedProcess:
         """
         Start ``python -m MODULE ARGUMENTS``.
@@ -108,8 +108,9 @@ class NodeServer:
         ----------
         module, arguments, environment
             Those of the new process.
-        log, lifeline
-            File descriptors: of its output, and of its end of the line to bring-up.
+        log, lifeline, *held
+            File descriptors: of its output, of its end of the line to bring-up, and of what the
+            process holds until its end.
 
         Raises
         ------
@@ -124,7 +125,7 @@ class NodeServer:
             raise ServerGone
         request = json.dumps([module, arguments, environment]).encode()
         try:
-            socket.send_fds(self._channel, [request], [log, lifeline])
+            socket.send_fds(self._channel, [request], [log, lifeline, *held])
             answer = self._channel.recv(64)
         except OSError:  # its end is closed, it did not answer in time, or a huge environment
             answer = b''

@@ -20,6 +20,7 @@ from lowsnr_bringup.run.forked_nodes import ServerGone
 from lowsnr_bringup.run.lines import Lines
 from lowsnr_bringup.run.shared_memory import clear_leftovers
 from lowsnr_common.core.line import Line
+from lowsnr_common.core.process_setup import INTERRUPTED
 from lowsnr_common.core.process_setup import LIFELINE
 from lowsnr_common.core.process_setup import SHUT_DOWN
 from lowsnr_common.core.process_setup import TERMINATED
@@ -30,6 +31,7 @@ _TERM_WITHIN_S = 2.0
 _LAST_LINES = 8
 # Nodes log to the results; ROS would write the same to ~/.ros/log, and needs a home for that.
 NO_OTHER_LOGS = '--disable-external-lib-logs'
+_ENDED_BY = {INTERRUPTED: 'SIGINT', TERMINATED: 'SIGTERM'}
 NONE: Mapping[str, object] = MappingProxyType({})
 
 
@@ -85,8 +87,8 @@ class NodeProcess:
             return f'{self.hung} and was killed by bring-up'
         if status < 0:
             return f'was killed by {signal.Signals(-status).name}'
-        if status == TERMINATED:
-            return 'was ended by SIGTERM'
+        if status in _ENDED_BY:
+            return f'was ended by {_ENDED_BY[status]}'
         if status == SHUT_DOWN:
             return 'was shut down through its lifecycle'
         return f'ended with status {status}'
@@ -116,13 +118,17 @@ class ProcessGroup:
         Environment of the processes.
     server
         Forks the processes; without it, or once it is gone, each starts its own Python.
+    claim
+        File descriptor that every process holds until its end, none if None.
 
     """
 
     def __init__(
         self, logs: Path, environment: Mapping[str, str], server: NodeServer | None = None,
+        claim: int | None = None,
     ) -> None:
         self._logs, self._server = logs, server
+        self._claim = () if claim is None else (claim,)
         self._environment = dict(environment)
         self.lines = Lines()
         self.members: list[NodeProcess] = []
@@ -178,14 +184,14 @@ class ProcessGroup:
         if self._server is not None:
             try:
                 return self._server.fork(
-                    module, arguments, self._environment, log.fileno(), lifeline)
+                    module, arguments, self._environment, log.fileno(), lifeline, *self._claim)
             except ServerGone:
                 self._server = None
                 notify('the process that forks nodes is gone; nodes start their own Python')
         return subprocess.Popen(
             [sys.executable, '-m', module, *arguments], stdin=subprocess.DEVNULL, stdout=log,
             stderr=subprocess.STDOUT, env={**self._environment, LIFELINE: str(lifeline)},
-            pass_fds=(lifeline,), start_new_session=True)
+            pass_fds=(lifeline, *self._claim), start_new_session=True)
 
     def member(self, node: Node) -> NodeProcess:
         """Return the newest process of a node."""

@@ -8,6 +8,8 @@ from dataclasses import field
 import os
 from pathlib import Path
 
+from lowsnr_bringup.run.frame_ledger import FrameLedger
+
 FRAMES_FILE = 'frames.csv'
 LATENCY_FILE = 'latency.csv'
 SUMMARY_FILE = 'summary.json'
@@ -20,11 +22,11 @@ class Account:
     """
     What only the process that starts the nodes knows of a run.
 
-    ``published`` counts the frames that the source published, ``restarts`` how often each node
-    was started again, by its label.
+    ``ledger`` counts the frames that the source published and where they went; None where only
+    the tables are known.  ``restarts`` is how often each node was started again, by its label.
     """
 
-    published: int = 0
+    ledger: FrameLedger | None = None
     restarts: Mapping[str, int] = field(default_factory=dict)
 
 

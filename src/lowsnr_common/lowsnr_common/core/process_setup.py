@@ -16,8 +16,9 @@ from lowsnr_common.core.line import Line
 
 LIFELINE = 'LOWSNR_LIFELINE'
 # Exit statuses: of a node that cannot become active, of one with a setting out of its bounds, of
-# one that was shut down through its lifecycle, and after SIGTERM.
-FAILED, USAGE_ERROR, SHUT_DOWN, TERMINATED = 1, 2, 3, 128 + signal.SIGTERM
+# one that was shut down through its lifecycle, and after SIGINT and SIGTERM.
+FAILED, USAGE_ERROR, SHUT_DOWN = 1, 2, 3
+INTERRUPTED, TERMINATED = 128 + signal.SIGINT, 128 + signal.SIGTERM
 # Parameters of mallopt(3), as malloc.h numbers them.
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
 _KEPT_BYTES = 2**30

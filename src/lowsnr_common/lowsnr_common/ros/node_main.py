@@ -7,6 +7,7 @@ import sys
 
 from lowsnr_common.core.process_setup import end_with_starter
 from lowsnr_common.core.process_setup import FAILED
+from lowsnr_common.core.process_setup import INTERRUPTED
 from lowsnr_common.core.process_setup import keep_freed_memory
 from lowsnr_common.core.process_setup import SHUT_DOWN
 from lowsnr_common.core.process_setup import TERMINATED
@@ -23,7 +24,7 @@ def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> 
 
     The exit status is 0 for a node that is done, 1 for one that cannot become active, 2 after
     one line about a setting out of its bounds, 3 for a node that was shut down through its
-    lifecycle, and 143 after SIGTERM.
+    lifecycle, 130 after Ctrl-C, and 143 after SIGTERM.
     """
     starter = end_with_starter()
     keep_freed_memory()
@@ -43,7 +44,7 @@ def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> 
         print(error, file=sys.stderr)
         sys.exit(USAGE_ERROR)
     except KeyboardInterrupt:
-        return
+        sys.exit(INTERRUPTED)
     except ExternalShutdownException:
         pass
     except RuntimeError:

@@ -153,6 +153,8 @@ class RunSettings:
         False, 'whether the topics of each chain are in a namespace of its name')
     truth: bool = setting(
         True, 'whether a truth is published; without it declarations are only counted')
+    expected_frames: int = setting(
+        0, 'frames that the source is to publish, 0 for a run without end', ge=0)
     answer_within_s: float = setting(
         10.0, 'wall time after which a frame counts as unanswered [s]', gt=0.0)
 

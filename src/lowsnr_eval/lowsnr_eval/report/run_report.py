@@ -62,7 +62,11 @@ def write_run_report(folder: Path, command: str) -> Path:
         raise ValueError(f'{folder}: the results are damaged: '
                          f'{type(error).__name__} {one_line(error)}') from None
     path = folder / REPORT_FILE
-    path.write_text(page, encoding='utf-8', errors='replace')
+    try:
+        path.write_text(page, encoding='utf-8', errors='replace')
+    except OSError:
+        path.unlink(missing_ok=True)  # on a full disk, scores have better use for the room
+        raise
     return path
 
 

@@ -37,10 +37,12 @@ def format_table(summary: Mapping[str, Any]) -> str:
 
     """
     frames, detectors = summary['frames'], summary['detectors']
+    published, expected = frames['published'], frames.get('expected')
+    early = f' of {expected}' if expected not in (None, published) else ''
     title = (
-        f'{printable(summary["scenario"])}, seed {summary["seed"]}: {frames["published"]} frames '
-        f'published, {frames["scored"]} scored, {frames["unanswered"]} unanswered'
-        + (f', {frames["unseen"]} unseen' if frames['unseen'] else ''))
+        f'{printable(summary["scenario"])}, seed {summary["seed"]}: {published}{early} frames '
+        f'published, {frames["scored"]} scored, {frames["unanswered"]} unanswered' + ''.join(
+            f', {frames[key]} {key}' for key in ('unseen', 'lost') if frames.get(key)))
     if summary['restarts']:
         title += '\nstarted again: ' + ', '.join(
             f'{printable(name)} {count} x' for name, count in summary['restarts'].items())

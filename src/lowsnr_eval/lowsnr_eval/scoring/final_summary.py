@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 import json
+import os
 from pathlib import Path
 from typing import Any
 
 from lowsnr_bringup.plan.graph import build
 from lowsnr_bringup.run import results_folder as files
+from lowsnr_bringup.run.frame_ledger import FrameLedger
 from lowsnr_common.settings.flat_values import flat_values
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.node_settings import RunSettings
@@ -20,6 +22,8 @@ from lowsnr_eval.scoring.score_tables import read_latency
 from lowsnr_eval.scoring.tallies import Tallies
 
 SCHEMA = 1
+# Room for a summary: what all have, and what each chain adds [bytes].
+_SUMMARY_BYTES, _CHAIN_BYTES = 4096, 4096
 
 
 def summarize(
@@ -54,55 +58,110 @@ def summarize(
     detectors = tallies.figures()
     for name, point in zip(run.detectors, run.operating_points):
         detectors[name]['operating_point'] = point
-    published = max(account.published, tallies.frames)
+    ledger = account.ledger or FrameLedger(tallies.frames)
+    ledger.close(tallies.frames, tallies.last)
     return {
         'schema': SCHEMA,
         'scenario': run.scenario,
         'seed': seed,
         'frames': {
-            'published': published, 'scored': tallies.frames - tallies.unanswered,
-            'unanswered': tallies.unanswered, 'unseen': published - tallies.frames},
+            'expected': run.expected_frames or None, 'published': ledger.published,
+            'scored': tallies.frames - tallies.unanswered, 'unanswered': tallies.unanswered,
+            'unseen': ledger.unseen, 'lost': ledger.lost},
         'restarts': dict(account.restarts),
         'evaluation': flat_values(evaluation),
         'detectors': detectors,
     }
 
 
+def missing_frames(frames: Mapping[str, Any]) -> list[str]:
+    """
+    Return what keeps a run from being whole, a line for each kind; nothing if nothing is missing.
+
+    Parameters
+    ----------
+    frames
+        What ``summary.json`` holds about the frames; an old one lacks ``expected`` and ``lost``.
+
+    """
+    expected, published, lost = frames.get('expected'), frames['published'], frames.get('lost', 0)
+    table = frames['scored'] + frames['unanswered']
+    found = []
+    if expected is not None and published < expected:
+        found.append(f'the source ended after {published} of {expected} frames')
+    if lost:
+        found.append(f'{lost} of {published} frames were scored and lost: {files.FRAMES_FILE} '
+                     'does not hold them')
+    if frames['unseen']:
+        found.append(f'{frames["unseen"]} of {published} frames did not reach the '
+                     'evaluator, or not with their truth')
+    if published != table + lost + frames['unseen'] or min(lost, frames['unseen']) < 0:
+        found.append(
+            f'the account of the frames does not add up: {published} published, {table} in '
+            f'{files.FRAMES_FILE}, {lost} lost, {frames["unseen"]} unseen')
+    return found
+
+
+def reserve_summary(folder: Path, chains: int) -> None:
+    """Reserve room for the summary of so many chains; OSError where the disk has none."""
+    with _draft(folder).open('wb') as file:
+        os.posix_fallocate(file.fileno(), 0, _SUMMARY_BYTES + chains * _CHAIN_BYTES)
+
+
 def write_summary(folder: Path, summary: Mapping[str, Any]) -> None:
-    """Write ``summary.json``, whole or not at all; ValueError names a folder that has no room."""
-    draft = folder / f'{files.SUMMARY_FILE}.tmp'
+    """
+    Write ``summary.json``, whole or not at all; ValueError names a folder that has no room.
+
+    It takes the room that :func:`reserve_summary` reserved, if it did.
+    """
+    draft = _draft(folder)
     text = json.dumps(summary, indent=2, allow_nan=False) + '\n'
     try:
-        draft.write_text(text, encoding='utf-8')
+        with draft.open('r+b' if draft.exists() else 'wb') as file:
+            file.write(text.encode())
+            file.truncate()
         draft.replace(folder / files.SUMMARY_FILE)
     except OSError as error:
         raise files.cannot_write(folder, error) from None
 
 
-def summarize_run(folder: Path, evaluator: Mapping[str, Any], account: files.Account) -> None:
-    """
-    Write the summary of a run, of which the parameters of the evaluator are given.
+def _draft(folder: Path) -> Path:
+    return folder / f'{files.SUMMARY_FILE}.tmp'
 
-    It writes nothing where the evaluator did not begin its table, and raises what
-    :func:`summarize` and :func:`write_summary` raise.
+
+def summarize_run(
+    folder: Path, evaluator: Mapping[str, Any], account: files.Account,
+) -> dict[str, Any] | None:
+    """
+    Return the summary of a run, of which the parameters of the evaluator are given.
+
+    It is None where no frame was published and the evaluator did not begin its table.  This
+    raises what :func:`summarize` raises.
     """
     table = folder / files.FRAMES_FILE
-    if table.is_file() and table.stat().st_size:
-        write_summary(folder, summarize(
-            folder, build(RunSettings, evaluator, 'evaluator'),
-            build(Evaluation, evaluator, 'evaluator'), evaluator.get('seed', 0), account))
+    begun = table.is_file() and table.stat().st_size
+    if not begun and not (account.ledger and account.ledger.published):
+        return None
+    return summarize(
+        folder, build(RunSettings, evaluator, 'evaluator'),
+        build(Evaluation, evaluator, 'evaluator'), evaluator.get('seed', 0), account)
 
 
-def summarize_folder(folder: Path) -> None:
+def summarize_folder(folder: Path) -> dict[str, Any]:
     """
-    Write the summary of a run whose starter was killed, or that still runs.
+    Return the summary of a run whose starter was killed, or that still runs, and write it.
 
-    An earlier summary tells how many frames the source published; without it, frames that the
-    evaluator has not seen are unknown.  A folder without the parameters of a run, or without a
-    scored frame, raises ValueError too.
+    An earlier summary tells how many frames the source published and where they went; without
+    it, frames that the evaluator has not written are unknown.  A folder without the parameters of
+    a run, or without a scored frame, raises ValueError too.
     """
-    account = files.Account(
-        earlier_counts(folder).get('published', 0), earlier_restarts(folder))
-    summarize_run(folder, evaluator_parameters(folder), account)
-    if not (folder / files.SUMMARY_FILE).is_file():
+    summary = summarize_run(
+        folder, evaluator_parameters(folder), files.Account(restarts=earlier_restarts(folder)))
+    if summary is None:
         raise ValueError(f'{folder}: nothing was scored')
+    earlier = earlier_counts(folder)
+    if all(earlier.get(key) == summary['frames'][key] for key in ('scored', 'unanswered')):
+        summary['frames'] |= {
+            key: earlier[key] for key in ('published', 'unseen', 'lost') if key in earlier}
+    write_summary(folder, summary)
+    return summary

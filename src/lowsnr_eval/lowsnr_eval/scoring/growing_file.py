@@ -26,6 +26,11 @@ class WriteFault:
     waiting: int
     lost: int
 
+    @property
+    def full(self) -> bool:
+        """Whether the disk, or the user's share of it, is full."""
+        return self.error is not None and self.error.errno in (errno.ENOSPC, errno.EDQUOT)
+
     def __str__(self) -> str:
         """Return the fault in one line."""
         parts = [self.error.strerror or 'it cannot be written'] if self.error else []
@@ -95,6 +100,12 @@ class GrowingFile:
         if error is None and not self._lost:
             return None
         return WriteFault(self.path, error, len(self._waiting), self._lost)
+
+    def give_way(self) -> None:
+        """Give the room that the file takes to others: it is empty from now on."""
+        self._waiting.clear()
+        self._file.truncate(0)
+        self._written = 0
 
     def close(self) -> None:
         """Write what can be written, and close the file."""

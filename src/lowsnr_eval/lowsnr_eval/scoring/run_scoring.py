@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from lowsnr_bringup.run.frame_ledger import FrameLedger
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.core.records import Truth
 from lowsnr_common.settings.node_settings import Evaluation
@@ -15,6 +16,7 @@ from lowsnr_eval.scoring.frame_join import Frame
 from lowsnr_eval.scoring.frame_join import FrameJoin
 from lowsnr_eval.scoring.frame_scoring import Answer
 from lowsnr_eval.scoring.frame_scoring import score_frame
+from lowsnr_eval.scoring.growing_file import WriteFault
 from lowsnr_eval.scoring.scene import SceneWriter
 from lowsnr_eval.scoring.score_tables import ScoreTables
 
@@ -37,8 +39,9 @@ class RunScorer:
 
     ``topics`` are those of the arrays and states that it needs.  Without truth the first chain's
     detections show that a frame exists, and what was declared is counted, nothing else.
-    ``published`` counts the frames that are known to exist, ``number`` those that were scored.
-    ``tables`` and ``scene`` are the writers of its results; the scene takes the frames too.
+    ``ledger`` counts the frames that are known to exist and where they went, ``number`` is that
+    of the last one scored.  ``tables`` and ``scene`` are the writers of its results; the scene
+    takes the frames too.
 
     Parameters
     ----------
@@ -73,12 +76,14 @@ class RunScorer:
         self.tables = ScoreTables(folder, run.detectors, resumed)
         self.scene = SceneWriter(folder, evaluation.sensor.cell_size_m, resumed)
         self._join = FrameJoin(self.topics, self._key, self.tables.stamp_ns)
-        self.published = self.number = self.tables.number
+        self.number = self.tables.number
+        self.ledger = FrameLedger(self.number)
 
     def add_array(self, topic: str, stamp: int, entries: list[Estimate], now_s: float) -> Arrival:
         """Add an array with its stamp [ns] and the wall time of its arrival [s]."""
         arrival = self._join.add_array(topic, stamp, entries, now_s)
-        self.published += arrival is Arrival.USED and topic == self._key
+        if arrival is Arrival.USED and topic == self._key:
+            self.ledger.publish(stamp)
         return arrival
 
     def add_state(self, topic: str, stamp: int, state: Estimate) -> Arrival:
@@ -99,12 +104,22 @@ class RunScorer:
             elif name == 'tracker' and space in ('', chain):
                 self._join.expect_no_more(topics[1:], before_s)
 
+    def flush(self) -> WriteFault | None:
+        """Write what waits; where the scores have no room, the scene gives way to them."""
+        if (fault := self.tables.flush()) and fault.full:
+            self.scene.give_way()
+            fault = self.tables.flush()
+        return fault
+
     def close(self) -> None:
         """Write what waits, and close the files."""
+        self.flush()
         self.tables.close()
         self.scene.close()
 
     def _score_one(self, frame: Frame) -> ScoredFrame | None:
+        if self._key not in frame.arrays:  # only its answers show that it exists
+            self.ledger.publish(frame.stamp)
         truth = frame.answer(TRUTH) if self._truth else None
         if truth is None and self._truth:
             self._reject(
@@ -117,6 +132,7 @@ class RunScorer:
             self.number, frame.stamp / 1e9, objects, answers, self._evaluation)
         self.tables.add(scores, answers)
         self.scene.add_answers(self.number, frame.stamp, objects or (), answers)
+        self.ledger.score(frame.stamp, self.number)
         return ScoredFrame(frame.stamp, self.number, answers)
 
     def _answer(self, frame: Frame, detections: str, tracks: str) -> Answer:

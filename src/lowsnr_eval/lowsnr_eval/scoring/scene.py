@@ -105,6 +105,12 @@ class SceneWriter:
         """Write the answers whose frames have not arrived."""
         self._write(0)
 
+    def give_way(self) -> None:
+        """Give the room that the files take to others: they are empty from now on."""
+        self._fill()
+        for file in (self._lines, self._pixels):
+            file.truncate(0)
+
     def close(self) -> None:
         """Write what waits and close the files."""
         self.flush()
@@ -136,8 +142,13 @@ class SceneWriter:
         except OSError:
             self.full = True
         if self.full:
-            self._frames.clear()
-            self._answers.clear()
+            self._fill()
+
+    def _fill(self) -> None:
+        """Take nothing from now on."""
+        self.full = True
+        self._frames.clear()
+        self._answers.clear()
 
     def _marks(self, items: Sequence[Truth] | Sequence[Estimate]) -> list[list[Any]]:
         """Return column, row and id of each item with a position."""

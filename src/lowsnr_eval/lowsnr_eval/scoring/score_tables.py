@@ -82,7 +82,9 @@ class ScoreTables:
         return faults[0] or faults[1]
 
     def close(self) -> None:
-        """Write what can be written, and close the files."""
+        """Write what can be written, of all things the scores, and close the files."""
+        if self._frames.flush():
+            self._latency.give_way()
         self._frames.close()
         self._latency.close()
 

@@ -22,7 +22,7 @@ class Tallies:
     """The tallies of the chains of a run, which are known by the names of their detectors."""
 
     def __init__(self, detectors: Iterable[str]) -> None:
-        self.frames = 0
+        self.frames = self.last = 0  # frames added, and the number of the last one
         self.unanswered = 0
         self._chains = {name: {level: _Tally() for level in LEVELS} for name in detectors}
         self._latencies_ms = {
@@ -33,6 +33,7 @@ class Tallies:
         for score in scores:
             self._chains[score.detector][score.level].add(score)
         self.frames += 1
+        self.last = scores[0].frame
         self.unanswered += any(score.comparison is None for score in scores)
 
     def add_latency(
