@@ -87,10 +87,8 @@ def plan_run(options: RunOptions, config_folder: Path, look: Look | None = None)
         options.parameters(),  # --snr, --seed, --rate ...
         graph.wiring(nodes, detectors, source.name),  # how many subscribers each node has
         overrides)  # --set
-    built = _build_detectors(nodes, parameters)
-    _fill_in(nodes, parameters, built)
-    frames = _frames(source, parameters)
-    parameters['/evaluator']['expected_frames'] = frames or 0
+    built, frames = _build_detectors(nodes, parameters), _frames(source, parameters)
+    _fill_in(nodes, parameters, built, frames)
     for node in nodes:
         for cls in graph.settings_classes(node.name):
             graph.build(cls, parameters[node.path], node.label)
@@ -115,10 +113,11 @@ def _build_detectors(
 
 def _fill_in(
     nodes: Sequence[graph.Node], parameters: Mapping[str, Values],
-    detectors: Mapping[str, Detector],
+    detectors: Mapping[str, Detector], frames: int | None,
 ) -> None:
     """Set what follows from the parameters of other nodes, unless a layer has set it."""
     evaluator = parameters['/evaluator']
+    evaluator['expected_frames'] = frames or 0
     evaluator.setdefault('operating_points', [
         parameters[path].get('operating_point', 'matched') for path in detectors])
     frames_per = {
