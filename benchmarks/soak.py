@@ -78,7 +78,7 @@ def main() -> int:
             os.environ |= before
             run.wait_for_rows(200, within_s=600.0)
             soak = Soak()
-            with GraphClient(DOMAIN, topics=()) as client:
+            with GraphClient(DOMAIN) as client:
                 campaign = Campaign(
                     run, client, 'sdt', np.random.default_rng(options.seed),
                     host.set_clock if host else None)

@@ -15,10 +15,10 @@ ELSEWHERE = {'hung', 'forged', 'clock'}
 
 def test_every_frame_of_a_campaign_is_accounted_for(bringup):
     rng = np.random.default_rng(8)
-    run = bringup('--detector', 'cdt', '--scenario', 'example3', '--loop', '--lockstep',
+    run = bringup('--detector', 'cdt', '--scenario', 'example3', '--loop', '--rate', '50',
                   '--set', 'evaluator.answer_within_s=1.0')
     run.wait_for_rows(100)
-    with GraphClient(own_domain(), topics=()) as client:
+    with GraphClient(own_domain()) as client:
         campaign = Campaign(run, client, 'cdt', rng, most_stopped_s=1.0)
         for kind in rng.permutation([kind for kind in KINDS if kind not in ELSEWHERE]):
             campaign.inject(str(kind))
