@@ -1,6 +1,7 @@
 """Run the whole graph: sensor, detectors, trackers and evaluator, to a table of scores."""
 
 import argparse
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import fields
 import os
@@ -103,11 +104,12 @@ def calibrate(plan: 'RunPlan') -> None:
         values = plan.parameters[path]
         if values['operating_point'] == 'matched':
             calibrate_detector(
-                path, detector, values['false_alarm_prob'], (values['rows'], values['cols']))
+                path, detector, values['false_alarm_prob'], (values['rows'], values['cols']), say)
 
 
 def calibrate_detector(
     name: str, detector: 'Detector', prob: float, shape: tuple[int, int],
+    warn: Callable[[str], None],
 ) -> 'Calibration':
     """Return the calibration; show the progress if it takes more than half a second."""
     from lowsnr_bringup.run.progress import progress
@@ -120,7 +122,7 @@ def calibrate_detector(
             advance(round(100 * done) - shown)
             shown = round(100 * done)
 
-        return calibrated(detector, prob, shape, progress=show, warn=say)
+        return calibrated(detector, prob, shape, progress=show, warn=warn)
 
 
 def write_parameters(plan: 'RunPlan', folder: Path) -> None:

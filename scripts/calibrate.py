@@ -60,11 +60,11 @@ def main() -> int:
             case for snr_db in options.snr for prob in options.false_alarm_prob
             for case in planned(options, snr_db, prob)]
     except ValueError as error:
-        print(f'calibrate.py: {error}', file=sys.stderr)
+        say(str(error))
         return USAGE
     print_row(COLUMNS)
     for name, detector, prob, shape in cases:
-        found = calibrate_detector(name, detector, prob, shape)
+        found = calibrate_detector(name, detector, prob, shape, say)
         low, high = found.interval
         print_row((
             name, f'{detector.sensor.snr_db:g}', f'{shape[1]} x {shape[0]}', f'{prob:g}',
@@ -98,6 +98,11 @@ def planned(
         cases.append((
             name, detector, values['false_alarm_prob'], (values['rows'], values['cols'])))
     return cases
+
+
+def say(text: str) -> None:
+    """Print one line for the user, apart from the table."""
+    print(f'calibrate.py: {text}', file=sys.stderr)
 
 
 def print_row(cells: tuple[str, ...]) -> None:

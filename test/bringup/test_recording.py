@@ -10,6 +10,7 @@ from lowsnr_bringup.bags.recording import summarize_recording
 from lowsnr_bringup.bags.recording import Tally
 from lowsnr_bringup.ros.frame_bag import FrameBag
 import numpy as np
+import pytest
 
 
 def test_gaps_in_a_publishers_numbers_are_losses():
@@ -50,3 +51,12 @@ def test_each_start_of_a_recorder_has_a_bag_of_its_own(tmp_path):
     for name in ('bag-2', 'bag-3', 'bag-5'):
         (tmp_path / name).mkdir()
     assert [path.name for path in bags_of_run(tmp_path / 'bag')] == names
+
+
+@pytest.mark.parametrize('text', [
+    '', '[]', '{', 'rosbag2_bagfile_information: 3', 'rosbag2_bagfile_information: {}', '\x00',
+    'rosbag2_bagfile_information: {custom_data: {lowsnr_losses: "["}}',
+    'rosbag2_bagfile_information: {custom_data: {lowsnr_losses: "{}"}, message_count: 1}'])
+def test_recording_whose_metadata_are_damaged_is_not_finished(tmp_path, text):
+    (tmp_path / 'metadata.yaml').write_text(text)
+    assert summarize_recording(tmp_path) == RecordingSummary(tmp_path)

@@ -1,5 +1,6 @@
 """The calibration command prints a table, fills the cache, and names what is wrong."""
 
+from concurrent.futures import ThreadPoolExecutor
 import os
 from pathlib import Path
 import subprocess
@@ -52,6 +53,28 @@ def test_probabilities_of_a_detector_share_one_curve(calibrate, tmp_path):
     thresholds = [float(line.split()[6]) for line in done.stdout.splitlines()[1:]]
     assert thresholds == sorted(thresholds)
     assert len(list((tmp_path / 'lowsnr').glob('*.json'))) == 1
+
+
+def test_damaged_entry_is_named_in_one_line_and_made_again(calibrate, tmp_path):
+    done = calibrate(*SMALL)
+    paths = sorted((tmp_path / 'lowsnr').glob('*.json'))
+    sound = [path.read_bytes() for path in paths]
+    for path in paths:
+        path.write_bytes(sound[0].replace(b'"runs": 1000', b'"runs": 1001'))
+    again = calibrate(*SMALL)
+    assert (again.returncode, again.stdout) == (0, done.stdout)
+    named = [line for line in again.stderr.splitlines() if line.startswith('calibrate.py: ')]
+    assert sorted(line.split(': ')[1] for line in named) == list(map(str, paths))
+    assert [path.read_bytes() for path in paths] == sound
+
+
+def test_two_at_once_agree_and_leave_whole_entries(calibrate, tmp_path):
+    with ThreadPoolExecutor(2) as pool:
+        one, other = pool.map(lambda _: calibrate(*SMALL), range(2))
+    assert (one.returncode, one.stdout) == (0, other.stdout)
+    again = calibrate(*SMALL)
+    assert (again.stdout, again.stderr) == (one.stdout, '')
+    assert {path.suffix for path in (tmp_path / 'lowsnr').iterdir()} == {'.json'}
 
 
 def test_help_shows_an_example(calibrate):

@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+import time
 
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.settings.node_settings import DetectionSettings
@@ -210,6 +211,30 @@ def test_processes_that_calibrate_at_once_agree(tmp_path):
         printed = set(pool.map(start, range(3)))
     assert len(printed) == 1
     assert [path.suffix for path in tmp_path.iterdir()] == ['.json']
+
+
+FOR_EVER = """
+import sys
+from pathlib import Path
+from lowsnr_detect.calibration.cache import save
+while True:
+    save(Path(sys.argv[1]), 'key', {'threshold': [1.0] * 2000}, print)
+    print(flush=True)
+"""
+
+
+def test_process_that_is_killed_while_it_writes_leaves_a_whole_entry(tmp_path):
+    for pause_s in (0.0, 0.001, 0.002, 0.005):
+        process = subprocess.Popen(
+            [sys.executable, '-c', FOR_EVER, str(tmp_path)], stdout=subprocess.PIPE,
+            env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)})
+        process.stdout.readline()
+        time.sleep(pause_s)
+        process.kill()
+        process.communicate()
+        told = []
+        assert calibration_cache.load(tmp_path, 'key', told.append) == {'threshold': [1.0] * 2000}
+        assert not told
 
 
 def test_operating_points():

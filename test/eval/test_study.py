@@ -4,6 +4,7 @@ from dataclasses import replace
 import functools
 import json
 from pathlib import Path
+import shutil
 
 from lowsnr_detect.parts.registry import DETECTORS
 from lowsnr_eval.study.experiment import run_block
@@ -16,6 +17,7 @@ from lowsnr_eval.study.study_plan import plan_study
 from lowsnr_eval.study.study_results import join_blocks
 from lowsnr_eval.study.study_results import merit_rows
 from lowsnr_eval.study.study_results import summary
+import numpy as np
 import pytest
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
@@ -108,14 +110,73 @@ def test_saved_block_is_read_back(tmp_path, blocks):
     assert merit_rows(again) == merit_rows(join_blocks(study, [(name, block)]))
 
 
-def test_half_written_block_is_not_finished(tmp_path, blocks):
+def other_value(path):
+    """Change one value of a block."""
+    with np.load(path) as archive:
+        arrays = dict(archive)
+    key = next(key for key in arrays if key.endswith('declared'))
+    np.savez_compressed(path, **{**arrays, key: arrays[key] + 1})
+
+
+def other_type(path):
+    """Put a text in the place of an array."""
+    with np.load(path) as archive:
+        arrays = dict(archive)
+    np.savez_compressed(path, **{**arrays, next(key for key in arrays if '/' in key): 'text'})
+
+
+def one_array(path):
+    """Put an array in the place of the archive."""
+    with path.open('wb') as file:
+        np.save(file, np.zeros(3))
+
+
+SPOILT = {
+    'cut': lambda path: path.write_bytes(path.read_bytes()[:200]),
+    'cut at the end': lambda path: path.write_bytes(path.read_bytes()[:-20]),
+    'empty': lambda path: path.write_bytes(b''),
+    'one byte': lambda path: path.write_bytes(
+        path.read_bytes()[:300] + bytes([path.read_bytes()[300] ^ 255])
+        + path.read_bytes()[301:]),
+    'array': one_array,
+    'archive of others': lambda path: np.savez(path, frames=np.zeros(3)),
+    'another value': other_value, 'another type': other_type}
+
+
+@pytest.mark.parametrize('spoil', SPOILT.values(), ids=SPOILT)
+def test_block_that_is_not_as_it_was_written_is_named_and_not_used(tmp_path, blocks, spoil):
     study, results = blocks
-    folder = open_folder(tmp_path / 'example2', study, resume=False)
+    told = []
+    folder = open_folder(tmp_path / 'example2', study, False, told.append)
     name, block = next(iter(results.items()))
     folder.save(name, block)
     path = folder.path / 'runs' / f'{name}.npz'
-    path.write_bytes(path.read_bytes()[:200])
+    spoil(path)
     assert folder.load(name) is None
+    line, = told
+    assert line.startswith(f'{path}: ')
+    assert line.isprintable()
+
+
+def test_block_of_other_runs_is_not_used(tmp_path, blocks):
+    study, results = blocks
+    told = []
+    folder = open_folder(tmp_path / 'example2', study, False, told.append)
+    (name, block), (other, _) = list(results.items())[:2]
+    folder.save(name, block)
+    shutil.copy(folder.path / 'runs' / f'{name}.npz', folder.path / 'runs' / f'{other}.npz')
+    assert folder.load(other) is None
+    assert len(told) == 1
+
+
+@pytest.mark.parametrize('text', [
+    '', '[]', '{"format": 2}', '{"format": 2, "identity": 3}', '[' * 100_000, '\0', 'null'])
+def test_folder_whose_identity_is_damaged_is_left_alone(tmp_path, text):
+    open_folder(tmp_path / 'example2', plan(), resume=False)
+    (tmp_path / 'example2' / 'study.json').write_text(text)
+    for resume in (True, False):
+        with pytest.raises(ValueError, match=f'^{tmp_path}'):
+            open_folder(tmp_path / 'example2', plan(), resume)
 
 
 def test_new_study_leaves_the_results_of_another_alone(tmp_path):

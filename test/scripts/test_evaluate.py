@@ -6,9 +6,11 @@ from pathlib import Path
 import subprocess
 import sys
 
+from builtin_interfaces.msg import Time
 from graph_runs import own_domain
 from graph_runs import start_bringup
 from lowsnr_bringup.bags.reader import Bag
+from lowsnr_bringup.bags.recording import CUSTOM_PARAMETERS
 from lowsnr_bringup.bags.type_definitions import type_definition
 from lowsnr_bringup.bags.writer import BagWriter
 from lowsnr_common.core.records import Estimate
@@ -21,6 +23,7 @@ from rosbags.rosbag2 import CompressionMode
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer
 from std_msgs.msg import Header
+import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 ARRAY = 'vision_msgs/msg/Detection2DArray'
@@ -210,3 +213,25 @@ def test_help_shows_an_example():
     done = evaluate('--help')
     assert done.returncode == 0
     assert 'example: python scripts/evaluate.py' in done.stdout
+
+
+MARKUP = '</script><script>x()</script><img src=x onerror=x()>'
+
+
+def test_markup_in_a_bag_stays_inert_in_the_report(tmp_path):
+    told = yaml.safe_dump({'/evaluator': {'ros__parameters': {
+        'scenario': MARKUP, 'detectors': [MARKUP], 'operating_points': [MARKUP]}}})
+    with BagWriter(tmp_path / 'bag', custom={CUSTOM_PARAMETERS: f'# {MARKUP}\n{told}'}) as bag:
+        topic = bag.add_topic(f'/{MARKUP}/detections', ARRAY)
+        for k in range(1, 4):
+            estimate = Estimate(np.array([k, 0.0, 2.0, 0.0]), np.eye(4), 0.9, MARKUP)
+            array = messages.estimates_to_array(
+                [estimate], Header(stamp=Time(sec=k), frame_id=MARKUP), 1.0)
+            bag.write(topic, serialize_message(array), k, k)
+    done = evaluate(tmp_path / 'bag', '--results', tmp_path / 'run')
+    assert done.returncode == 0, done.stderr
+    page = (tmp_path / 'run' / 'report.html').read_text()
+    assert 'onerror' in page
+    assert '<img src=x' not in page
+    assert page.count('<script') == page.count('</script')
+    assert '<script>x()' not in page

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import itertools
 import json
 from pathlib import Path
-from typing import Any
 
 from lowsnr_bringup.bags.bag_files import INFORMATION
 from lowsnr_bringup.bags.bag_files import METADATA_FILE
 from lowsnr_common.settings.text import printable
-import yaml
+from lowsnr_common.settings.text import read_yaml
 
 # Names of the texts that the metadata of a recorded bag carry.
 CUSTOM_PARAMETERS = 'lowsnr_parameters'
@@ -103,22 +102,15 @@ def summarize_recording(folder: Path) -> RecordingSummary:
     """Return what a recorder left in a folder."""
     if not (folder.is_dir() and any(folder.iterdir())):
         return RecordingSummary(folder, exists=False)
-    information = _information(folder)
-    losses = (information.get('custom_data') or {}).get(CUSTOM_LOSSES)
-    if losses is None:
-        return RecordingSummary(folder)
-    return RecordingSummary(
-        folder, finished=True, messages=information['message_count'],
-        topics=len(information['topics_with_message_count']), losses=json.loads(losses))
-
-
-def _information(folder: Path) -> dict[str, Any]:
-    """Return the metadata of a bag; nothing if the disk was full when they were to be written."""
     try:
-        tree = yaml.safe_load((folder / METADATA_FILE).read_text(encoding='utf-8'))
-    except OSError:
-        return {}
-    return (tree or {}).get(INFORMATION) or {}
+        information = read_yaml(folder / METADATA_FILE)[INFORMATION]
+        losses = json.loads(information['custom_data'][CUSTOM_LOSSES])
+        return RecordingSummary(
+            folder, finished=True, messages=information['message_count'],
+            topics=len(information['topics_with_message_count']), losses=dict(losses))
+    except (LookupError, TypeError, ValueError, RecursionError):
+        # The disk was full when they were to be written, or the bag was changed since.
+        return RecordingSummary(folder)
 
 
 def restarted_bag(bag: Path, restarts: int) -> Path:
