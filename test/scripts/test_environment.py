@@ -3,10 +3,8 @@
 import ast
 from contextlib import contextmanager
 from contextlib import suppress
-import importlib.machinery
 import os
 from pathlib import Path
-import resource
 import shutil
 import signal
 import subprocess
@@ -14,7 +12,6 @@ import sys
 import time
 
 import _steps
-import _venv
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -23,24 +20,6 @@ NO_NETWORK = {
     'PIP_CONFIG_FILE': os.devnull, 'PIP_FIND_LINKS': '', 'PIP_INDEX_URL': 'http://127.0.0.1:9/',
     'PIP_NO_CACHE_DIR': '1', 'PIP_RETRIES': '0',
 }
-ROS = ('rclpy', 'diagnostic_msgs', 'geometry_msgs', 'lifecycle_msgs', 'nav_msgs', 'rosgraph_msgs',
-       'sensor_msgs', 'std_msgs', 'vision_msgs', 'visualization_msgs')
-
-
-@pytest.fixture
-def ros(tmp_path):
-    """Return a folder that looks like an installed ROS 2 with all packages."""
-    folder = tmp_path / 'ros'
-    for name in ROS:
-        (folder / name).mkdir(parents=True)
-        (folder / name / '__init__.py').touch()
-    suffix = importlib.machinery.EXTENSION_SUFFIXES[0]
-    (folder / 'rclpy' / f'_rclpy_pybind11{suffix}').touch()
-    for name in _venv.packages_of({'runtime'}):
-        info = folder / f'{name.replace("-", "_")}-1.dist-info'
-        info.mkdir()
-        (info / 'METADATA').write_text(f'Name: {name}\nVersion: 1\n')
-    return folder
 
 
 @contextmanager
@@ -231,44 +210,3 @@ def test_log_that_cannot_be_written_is_named(checkout):
     assert code == 2
     assert len(errors) == 1
     assert str(checkout / '.venv.log') in errors[0]
-
-
-@pytest.mark.parametrize(('soft', 'hard', 'code'), [(24, 24, 2), (24, 4096, 0), (64, 64, 0)])
-def test_too_few_open_files_are_raised_or_refused_in_one_line(checkout, ros, soft, hard, code):
-    def limit():
-        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
-
-    (checkout / 'scripts' / 'script.py').write_text(
-        'import resource, _environment\n_environment.ensure()\n'
-        'print(resource.getrlimit(resource.RLIMIT_NOFILE)[0])')
-    done = subprocess.run(
-        [sys._base_executable, checkout / 'scripts' / 'script.py'], text=True, timeout=60,
-        capture_output=True, preexec_fn=limit, env=_steps.environ() | {'PYTHONPATH': str(ros)})
-    assert done.returncode == code
-    assert done.stdout == ('' if code else '64\n')
-    assert len(done.stderr.splitlines()) == bool(code)
-    assert ('ulimit -n 64' in done.stderr) == bool(code)
-
-
-@pytest.mark.parametrize(('before', 'after'), [(0o000, 0o022), (0o077, 0o077)])
-def test_nobody_else_may_write_to_new_files(checkout, ros, before, after):
-    (checkout / 'scripts' / 'script.py').write_text(
-        'import os, _environment\n_environment.ensure()\nprint(os.umask(0))')
-    done = subprocess.run(
-        [sys._base_executable, checkout / 'scripts' / 'script.py'], text=True, timeout=60,
-        capture_output=True, umask=before, env=_steps.environ() | {'PYTHONPATH': str(ros)})
-    assert done.stdout == f'{after}\n'
-
-
-def test_read_only_checkout_is_named_with_the_remedy(checkout, require_program):
-    mounted = (f'mount --bind {checkout} {checkout} && mount -o remount,ro,bind {checkout} && '
-               f'exec {sys._base_executable} {checkout}/scripts/script.py')
-    dropped = {'PYTHONPATH', 'ROS_DISTRO'}
-    done = subprocess.run(
-        [require_program('unshare'), '--map-root-user', '--mount', 'sh', '-c', mounted],
-        capture_output=True, text=True, timeout=60,
-        env={key: value for key, value in _steps.environ().items() if key not in dropped})
-    assert (done.returncode, done.stdout) == (2, '')
-    line, = done.stderr.splitlines()
-    assert str(checkout / '.venv.log') in line
-    assert f'git clone {checkout}' in line
