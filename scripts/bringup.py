@@ -8,6 +8,7 @@ import json
 import os
 from pathlib import Path
 import shlex
+import shutil
 import sys
 from typing import TYPE_CHECKING
 
@@ -138,12 +139,18 @@ def write_parameters(plan: 'RunPlan', folder: Path) -> None:
 
 def run(plan: 'RunPlan', folder: Path, server: 'NodeServer') -> int:
     """Start the graph, wait for its end, and present what it scored; return the exit code."""
+    from lowsnr_bringup.ros.domain_guard import DomainTaken
     from lowsnr_bringup.ros.supervisor import Supervisor
 
     patience_s = plan.parameters['/evaluator']['answer_within_s'] + 2.0
     supervisor = Supervisor(
         plan.nodes, folder, plan.frames, patience_s, plan.respawn, server=server)
-    status, trouble = supervisor.run()
+    try:
+        status, trouble = supervisor.run()
+    except DomainTaken as error:
+        shutil.rmtree(folder)  # it holds nothing but what this run made
+        say(str(error))
+        return USAGE
     present(plan, folder, supervisor.account, trouble)
     return status
 
@@ -188,7 +195,9 @@ def report(folder: Path) -> None:
 
 def say(text: str) -> None:
     """Print one line for the user, apart from the table of scores."""
-    print(f'bringup.py: {text}', file=sys.stderr)
+    from lowsnr_common.settings.text import printable_lines
+
+    print(f'bringup.py: {printable_lines(text)}', file=sys.stderr)
 
 
 if __name__ == '__main__':

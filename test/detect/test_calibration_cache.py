@@ -67,7 +67,7 @@ def test_entry_that_is_not_as_it_was_written_is_named_and_made_again(tmp_path, s
     spoil(path)
     with pytest.warns(UserWarning, match=re.escape(str(path))) as warned:
         assert calibrated(CDT(), 0.1, SHAPE, folder=tmp_path, **FEW) == found
-    assert len(warned) == 1
+    assert sum(str(path) in str(one.message) for one in warned) == 1
     assert path.read_text() == sound
     assert list(tmp_path.iterdir()) == [path]
 
@@ -89,7 +89,7 @@ def test_folder_in_place_of_an_entry_costs_only_time(tmp_path):
     (path / 'more').mkdir(parents=True)
     with pytest.warns(UserWarning, match=re.escape(str(path))) as warned:
         assert calibrated(CDT(), 0.1, SHAPE, folder=tmp_path, **FEW) == found
-    assert len(warned) == 2
+    assert sum(str(path) in str(one.message) for one in warned) == 2
     assert list(tmp_path.iterdir()) == [path]  # and no draft
 
 

@@ -1,4 +1,4 @@
-"""A checkout without an environment, for the tests of the environment."""
+"""A checkout without an environment and an installed ROS 2, for the tests of the environment."""
 
 import importlib.machinery
 from pathlib import Path

@@ -116,8 +116,13 @@ def _within(value: float, least: float, most: float) -> float:
 
 
 def _id_field(ids: Iterable[str]) -> str:
-    """Return ids as one field, separated by spaces, all but plain letters escaped."""
-    return ' '.join(quote(name, safe='') or _NAMELESS for name in ids)
+    """
+    Return ids as one field, separated by spaces, all but plain letters escaped.
+
+    So is a minus at the start, which a spreadsheet would take for that of a formula.
+    """
+    fields = (quote(name, safe='') or _NAMELESS for name in ids)
+    return ' '.join(f'%2D{each[1:]}' if each[0] == '-' else each for each in fields)
 
 
 def _ids(field: str) -> tuple[str, ...]:

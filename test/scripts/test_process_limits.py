@@ -1,4 +1,4 @@
-"""What a script needs of its process and its checkout, and how it ends without that."""
+"""What scripts do about limits of their process: open files, new files, a read-only checkout."""
 
 import resource
 import subprocess
