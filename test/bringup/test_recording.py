@@ -2,12 +2,14 @@
 
 from pathlib import Path
 
+from lowsnr_bringup.bags.errors import UnusableFile
 from lowsnr_bringup.bags.recording import bags_of_run
 from lowsnr_bringup.bags.recording import CUSTOM_LOSSES
 from lowsnr_bringup.bags.recording import RecordingSummary
 from lowsnr_bringup.bags.recording import restarted_bag
 from lowsnr_bringup.bags.recording import summarize_recording
 from lowsnr_bringup.bags.recording import Tally
+from lowsnr_bringup.bags.writer import check_new
 from lowsnr_bringup.ros.frame_bag import FrameBag
 import numpy as np
 import pytest
@@ -60,3 +62,14 @@ def test_each_start_of_a_recorder_has_a_bag_of_its_own(tmp_path):
 def test_recording_whose_metadata_are_damaged_is_not_finished(tmp_path, text):
     (tmp_path / 'metadata.yaml').write_text(text)
     assert summarize_recording(tmp_path) == RecordingSummary(tmp_path)
+
+
+def test_bag_that_cannot_be_made_is_rejected_before_a_run(tmp_path):
+    with pytest.raises(UnusableFile) as caught:
+        check_new(Path('/proc/lowsnr/bag'))
+    assert caught.value.reason == 'not writable'
+    with pytest.raises(UnusableFile) as caught:
+        check_new(Path('/proc/bag'))  # the folder above it exists
+    assert caught.value.reason == 'not writable'
+    check_new(tmp_path / 'new' / 'bag')
+    assert list((tmp_path / 'new').iterdir()) == []

@@ -214,7 +214,10 @@ def check_new(folder: Path) -> None:
     """
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        exists = folder.exists() or folder.is_symlink()
+        exists = os.path.lexists(folder)
+        if not exists:  # nothing else tells for certain
+            folder.mkdir()
+            folder.rmdir()
     except OSError as error:
         raise UnusableFile(
             folder, 'not writable', f'the bag cannot be written: {error.strerror}') from None
