@@ -110,13 +110,17 @@ def calibrate_detector(
     name: str, detector: 'Detector', prob: float, shape: tuple[int, int],
 ) -> 'Calibration':
     """Return the calibration; show the progress if it takes more than half a second."""
+    from lowsnr_bringup.run.progress import progress
     from lowsnr_detect.calibration.operating_point import calibrated
-    from tqdm import tqdm
 
-    with tqdm(total=100, desc=f'calibrating {name}', unit='%', leave=False,
-              disable=None, delay=0.5) as bar:
-        return calibrated(
-            detector, prob, shape, progress=lambda done: bar.update(round(100 * done) - bar.n))
+    shown = 0
+    with progress(f'calibrating {name}', 100, '%', delay_s=0.5, leave=False) as advance:
+        def show(done: float) -> None:
+            nonlocal shown
+            advance(round(100 * done) - shown)
+            shown = round(100 * done)
+
+        return calibrated(detector, prob, shape, progress=show, warn=say)
 
 
 def write_parameters(plan: 'RunPlan', folder: Path) -> None:

@@ -45,8 +45,6 @@ def test_node_of_the_same_full_name_is_named(bringup):
 
 
 def test_another_bringup_is_named_also_while_the_own_nodes_start(bringup):
-    assert taken(bringup, ('bringup', '')) == ['/bringup']
-
     def check_for_long(guard):
         for _ in range(1000):
             guard.check()

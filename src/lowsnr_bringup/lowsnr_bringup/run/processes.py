@@ -28,6 +28,8 @@ from tqdm import tqdm
 
 _TERM_WITHIN_S = 2.0
 _LAST_LINES = 8
+# Nodes log to the results; ROS would write the same to ~/.ros/log, and needs a home for that.
+NO_OTHER_LOGS = '--disable-external-lib-logs'
 NONE: Mapping[str, object] = MappingProxyType({})
 
 
@@ -142,7 +144,7 @@ class ProcessGroup:
 
         """
         arguments = [*node.arguments, '--ros-args', '--params-file', str(parameter_file),
-                     '--enclave', node.path]
+                     '--enclave', node.path, NO_OTHER_LOGS]
         for name, value in overrides.items():
             arguments += ['-p', f'{name}:={value}']
         if node.namespace:
