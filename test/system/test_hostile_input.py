@@ -117,7 +117,8 @@ def not_rejected(client):
 def test_endpoints_that_do_not_match_are_named_and_may_come_and_go(bringup, client):
     run = bringup('--detector', 'cdt', '--loop', '--rate', '20')
     run.wait_for_rows(20)
-    client.node.create_publisher(Detection2DArray, '/detections', qos_profile_sensor_data)
+    other_qos = client.node.create_publisher(
+        Detection2DArray, '/detections', qos_profile_sensor_data)
     client.node.create_subscription(Image, '/image_raw', print, QoSProfile(
         depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
     with GraphClient(own_domain(), 'stranger') as other:
@@ -137,6 +138,8 @@ def test_endpoints_that_do_not_match_are_named_and_may_come_and_go(bringup, clie
             client.disconnect(topic)
             FAULTS['publisher that comes and goes'] += 1
     run.wait_for_rows(len(run.rows()) + 40)
+    assert client.statuses('/cdt_detector', '/detections', '2 publishers', '/graph_client')
+    client.node.destroy_publisher(other_qos)
     client.wait(lambda: client.level('/cdt_detector') == DiagnosticStatus.OK)
     lines = interrupt(run)
     check_end(run, 130)
