@@ -93,12 +93,17 @@ def running(tmp_path_factory):
         yield run
 
 
-def test_second_run_on_the_same_domain_is_refused(running, bringup):
+@pytest.mark.parametrize('claimed', [True, False], ids=['same TMPDIR', 'another TMPDIR'])
+def test_second_run_on_the_same_domain_is_refused(
+        running, bringup, tmp_path, monkeypatch, claimed):
     before = running.nodes()
+    if not claimed:  # as in a container, or of another user: it does not see the claim
+        monkeypatch.setenv('TMPDIR', str(tmp_path))
     second = bringup('--detector', 'cdt')
     code, out, err = second.finish()
     assert (code, out, len(err.splitlines())) == (2, '', 1)
     assert f'ROS domain {own_domain()}' in err
+    assert ('/bringup' in err) is not claimed
     assert not second.results.exists()
     running.wait_for_rows(len(running.rows()) + 20)
     assert running.nodes() == before

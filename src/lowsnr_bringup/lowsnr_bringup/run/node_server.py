@@ -33,11 +33,12 @@ _PRELOADED = (
     'lowsnr_sensor.sensor_node', 'lowsnr_detect.node.detector_node',
     'lowsnr_track.tracker_node', 'lowsnr_eval.evaluator_node')
 _LARGEST_REQUEST = 2**20
-_MOST_FILES = 3  # the log, the lifeline, and the claim on the domain
+_MOST_FILES = 3  # the log, the line to bring-up, and the claim on the domain
 
 
 def _serve(channel: socket.socket) -> str:
     """Fork nodes until bring-up is gone; in a node, return the module that it is to run."""
+    channel.send(b'ready')
     while True:
         request, files, *_ = socket.recv_fds(channel, _LARGEST_REQUEST, _MOST_FILES)
         if not request:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
-import csv
 import json
 import os
 from pathlib import Path
@@ -16,7 +14,9 @@ from lowsnr_bringup.run.frame_ledger import FrameLedger
 from lowsnr_common.settings.flat_values import flat_values
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.node_settings import RunSettings
-from lowsnr_common.settings.text import read_yaml
+from lowsnr_eval.scoring.earlier_run import earlier_counts
+from lowsnr_eval.scoring.earlier_run import earlier_restarts
+from lowsnr_eval.scoring.earlier_run import evaluator_parameters
 from lowsnr_eval.scoring.score_tables import read_frames
 from lowsnr_eval.scoring.score_tables import read_latency
 from lowsnr_eval.scoring.tallies import Tallies
@@ -156,28 +156,12 @@ def summarize_folder(folder: Path) -> dict[str, Any]:
     it, frames that the evaluator has not written are unknown.  A folder without the parameters of
     a run, or without a scored frame, raises ValueError too.
     """
-    parameters = folder / files.PARAMETERS_FILE
-    try:
-        evaluator = dict(read_yaml(parameters)['/evaluator']['ros__parameters'])
-    except (LookupError, TypeError):
-        raise ValueError(f'{parameters}: holds no parameters of an evaluator') from None
-    restarts: Counter[str] = Counter()
-    if (folder / files.RESTARTS_FILE).is_file():
-        with (folder / files.RESTARTS_FILE).open(encoding='utf-8', newline='') as file:
-            restarts.update(row['node'] for row in csv.DictReader(file))
-    summary = summarize_run(folder, evaluator, files.Account(restarts=restarts))
+    summary = summarize_run(
+        folder, evaluator_parameters(folder), files.Account(restarts=earlier_restarts(folder)))
     if summary is None:
         raise ValueError(f'{folder}: nothing was scored')
-    summary['frames'] |= _earlier_counts(folder, summary['frames'])
+    frames, earlier = summary['frames'], earlier_counts(folder)
+    if all(earlier.get(key) == frames[key] for key in ('scored', 'unanswered')):
+        frames |= {key: earlier.get(key, 0) for key in ('published', 'unseen', 'lost')}
     write_summary(folder, summary)
     return summary
-
-
-def _earlier_counts(folder: Path, frames: Mapping[str, int]) -> dict[str, int]:
-    """Return what an earlier summary of the same table tells about frames that it lacks."""
-    try:
-        earlier = json.loads((folder / files.SUMMARY_FILE).read_text(encoding='utf-8'))['frames']
-        same = all(earlier[key] == frames[key] for key in ('scored', 'unanswered'))
-        return {key: int(earlier.get(key, 0)) for key in ('published', 'unseen', 'lost') if same}
-    except (OSError, ValueError, LookupError, TypeError, AttributeError):
-        return {}
