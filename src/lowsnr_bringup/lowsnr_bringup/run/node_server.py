@@ -33,7 +33,7 @@ _PRELOADED = (
     'lowsnr_sensor.sensor_node', 'lowsnr_detect.node.detector_node',
     'lowsnr_track.tracker_node', 'lowsnr_eval.evaluator_node')
 _LARGEST_REQUEST = 2**20
-_MOST_FILES = 3  # the log, the lifeline, and the claim on the domain
+_MOST_FILES = 3  # the log, the line to bring-up, and the claim on the domain
 
 
 def _serve(channel: socket.socket) -> str:
