@@ -64,8 +64,7 @@ def plan_and_run(
 
 
 def set_environment(options: argparse.Namespace) -> None:
-    """Set the ROS domain, how far it reaches, and who may write, here and for all nodes."""
-    os.umask(os.umask(0o022) | 0o022)  # nobody else may change results
+    """Set the ROS domain and how far it reaches, here and for all nodes."""
     if not os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE'):  # ROS takes an empty one for SUBNET
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     if options.domain_id is not None:

@@ -98,7 +98,8 @@ def missing_frames(frames: Mapping[str, Any]) -> list[str]:
     if published != table + lost + frames['unseen'] or min(lost, frames['unseen']) < 0:
         found.append(
             f'the account of the frames does not add up: {published} published, {table} in '
-            f'{files.FRAMES_FILE}, {lost} lost, {frames["unseen"]} unseen')
+            f'{files.FRAMES_FILE}, {lost} lost, {frames["unseen"]} unseen; does another program '
+            'publish on the topics of the run?')
     return found
 
 
