@@ -1,0 +1,245 @@
+"""
+A threshold from the tail of the statistic in the earlier frames of the same sequence.
+
+Real frames are not white noise: their tails differ from sequence to sequence and from region to
+region.  What noise and clutter reach is learned, causally, from the local maxima of the statistic
+in earlier frames:
+
+1. In each region, level and scale: the 80 % quantile q of the maxima, and the median excess over
+   it divided by ln 2 (the mean, for an exponential tail), which single objects hardly move.
+2. In the whole frame, the tail of the normalised excesses ``e = (x - q) / scale``, beyond what
+   was seen by averaged Pareto distributions (:mod:`lowsnr_detect.adaptive.pareto_tail`).
+
+Both are shrunk towards white noise by the number of independent maxima.  A maximum that is above
+the threshold, and near one of the frame before, is an object's and left out, unless more than a
+fifth of the maxima around are above it: that is clutter which is not learned yet.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from dataclasses import field
+import math
+
+from lowsnr_detect.adaptive.local_maxima import local_maxima
+from lowsnr_detect.adaptive.pareto_tail import EDGES
+from lowsnr_detect.adaptive.pareto_tail import exceeded
+from lowsnr_detect.adaptive.pareto_tail import START
+from lowsnr_detect.adaptive.region_maps import bin_quantile
+from lowsnr_detect.adaptive.region_maps import interpolation
+from lowsnr_detect.adaptive.region_maps import pooled
+import numpy as np
+
+# The level of a region is this quantile of its maxima.
+LEVEL = 0.8
+# Side of a region [cells], and frames over which the tail is forgotten.
+_REGION, _MEMORY_FRAMES = 16, 50
+# Frames with maxima before the first answer.
+LEARNING_FRAMES = 4
+# White noise counts as so many independent maxima above the level of a region, and as so many of
+# the tail of the frame.
+_LEVEL_PRIOR, _TAIL_PRIOR = 10.0, 60.0
+# Largest share of the maxima around that are taken for objects.
+_MOST_OBJECTS = 0.2
+# Cells within which an object's maximum stays from a frame to the next.
+_FOLLOWED = 4
+# Bins of a region, in steps of arsinh((x - level) / scale) of white noise.
+_LOWEST, _HIGHEST, _BINS = -4.0, 9.0, 160
+
+
+@dataclass(frozen=True)
+class WhiteTail:
+    """
+    The local maxima of a statistic in white noise.
+
+    ``level`` and ``scale`` of their tail [nat], maxima ``per_cell``, the ``share`` of them whose
+    excess is beyond ``START``, and how those are distributed, ``excesses``, one a bin of
+    ``EDGES``.
+    """
+
+    level: float
+    scale: float
+    per_cell: float
+    share: float
+    excesses: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class TailMemory:
+    """
+    What was seen in earlier frames, of P planes.
+
+    Parameters
+    ----------
+    maxima : (P, R, C, bins) ndarray
+        Faded numbers of maxima in each region, by their value.
+    excesses : (P, bins) ndarray
+        Faded numbers of excesses of the frame, by their value.
+    total, alarms : (P,) ndarray
+        Faded numbers of maxima, and of frames with a crossing that is not near an earlier one.
+    weight, answered
+        Faded numbers of frames with maxima, and of those that were answered.
+    frames
+        Number of frames with maxima.
+    crossed : (P, rows, cols) ndarray of bool
+        Whether a cell is near a crossing of the frame before.
+
+    """
+
+    maxima: np.ndarray
+    excesses: np.ndarray
+    total: np.ndarray
+    alarms: np.ndarray
+    weight: float
+    answered: float
+    frames: int
+    crossed: np.ndarray
+
+
+@dataclass(frozen=True)
+class AdaptiveThreshold:
+    """
+    The threshold of a statistic, for a share of empty frames with a crossing.
+
+    Parameters
+    ----------
+    prob
+        The share that is asked for.
+    white
+        The tail in white noise.
+    shape
+        Rows and columns.
+    reach
+        Cells on each side within which a maximum is the largest.
+    correlated
+        Frames over which the statistic is correlated.
+
+    """
+
+    prob: float
+    white: WhiteTail
+    shape: tuple[int, int]
+    reach: int = 1
+    correlated: int = 1
+    grid: tuple[int, int] = field(init=False)
+
+    def __post_init__(self) -> None:
+        rows, cols = (max(1, round(size / _REGION)) for size in self.shape)
+        object.__setattr__(self, 'grid', (rows, cols))
+
+    def init(self, planes: int = 1) -> TailMemory:
+        """Return the memory before the first frame."""
+        return TailMemory(
+            np.zeros((planes, *self.grid, _BINS)), np.zeros((planes, len(EDGES) - 1)),
+            np.zeros(planes), np.zeros(planes), 0.0, 0.0, 0,
+            np.zeros((planes, *self.shape), dtype=bool))
+
+    def measured(self, memory: TailMemory) -> np.ndarray:
+        """Return the share of frames with a crossing that is near none of the frame before."""
+        return np.asarray(memory.alarms / max(memory.answered, 1.0))
+
+    def thresholds(self, memory: TailMemory) -> tuple[np.ndarray, np.ndarray]:
+        """Return threshold and scale [nat] of every cell for the next frame, (P, rows, cols)."""
+        level, scale = self._levels(memory.maxima)
+        excess, slope = self._limits(memory).T
+        down, across = (interpolation(*each) for each in zip(self.shape, self.grid, strict=True))
+        return (down @ (level + scale * excess[:, None, None]) @ across.T,
+                down @ (scale / slope[:, None, None]) @ across.T)
+
+    def step(
+        self, memory: TailMemory, planes: np.ndarray,
+    ) -> tuple[TailMemory, np.ndarray]:
+        """
+        Compare planes with the thresholds from earlier frames, and learn from them.
+
+        Parameters
+        ----------
+        memory
+            Memory after the frame before.
+        planes : (P, rows, cols) ndarray of float32
+            Statistic of independent runs.
+
+        Returns
+        -------
+        TailMemory
+            Memory after this frame.
+        (P, rows, cols) ndarray of float32
+            Log odds of each cell with respect to the threshold, which is at 0; -inf in frames
+            without a local maximum and in the first ones, from which nothing is known yet.
+
+        """
+        threshold, scale = self.thresholds(memory)
+        odds = ((planes - threshold) / scale).astype(np.float32)
+        found = [local_maxima(np.ascontiguousarray(plane), max(self.reach, 1)) for plane in planes]
+        if not any(value.size for _, _, value in found):
+            return memory, np.full_like(odds, -np.inf)
+        answers = memory.frames >= LEARNING_FRAMES
+        memory = self._learned(memory, found, odds, answers)
+        return memory, odds if answers else np.full_like(odds, -np.inf)
+
+    def _learned(
+        self, memory: TailMemory, found: list[tuple[np.ndarray, np.ndarray, np.ndarray]],
+        odds: np.ndarray, answers: bool,
+    ) -> TailMemory:
+        """Return the memory with the maxima of a frame, those of objects left out."""
+        kept = 1.0 - 1.0 / _MEMORY_FRAMES
+        maxima, excesses = kept * memory.maxima, kept * memory.excesses
+        total, alarms = kept * memory.total, kept * memory.alarms
+        crossed, limits = np.zeros_like(memory.crossed), self._limits(memory)
+        for n, (row, col, value) in enumerate(found):
+            region = (row * self.grid[0] // self.shape[0], col * self.grid[1] // self.shape[1])
+            above, near = odds[n, row, col] > 0.0, memory.crossed[n, row, col]
+            noise = ~(above & near & self._few(region, above))
+            place = (*(index[noise] for index in region), self._bin(value[noise]))
+            np.add.at(maxima[n], place, 1.0)
+            limit, slope = limits[n]
+            excess = limit + odds[n, row, col][noise] / slope
+            excesses[n] += np.histogram(excess[excess > START], EDGES)[0]
+            total[n] += len(excess)
+            alarms[n] += answers and bool(np.any(above & ~near))
+            for i, j in zip(row[above], col[above]):
+                crossed[n, max(i - _FOLLOWED, 0):i + _FOLLOWED + 1,
+                        max(j - _FOLLOWED, 0):j + _FOLLOWED + 1] = True
+        return TailMemory(
+            maxima, excesses, total, alarms, kept * memory.weight + 1.0,
+            kept * memory.answered + answers, memory.frames + 1, crossed)
+
+    def _few(self, region: tuple[np.ndarray, ...], above: np.ndarray) -> np.ndarray:
+        """Return whether few of the maxima around each are above the threshold."""
+        counts = np.zeros((2, *self.grid))
+        np.add.at(counts[0], region, above)
+        np.add.at(counts[1], region, 1.0)
+        crossing, every = pooled(counts[..., None])[..., 0]
+        return np.asarray((crossing <= _MOST_OBJECTS * every)[region])
+
+    def _bin(self, value: np.ndarray) -> np.ndarray:
+        """Return the bin of values."""
+        step = np.arcsinh((value - self.white.level) / self.white.scale) - _LOWEST
+        return np.asarray(
+            np.clip(step * (_BINS / (_HIGHEST - _LOWEST)), 0, _BINS - 1).astype(np.intp))
+
+    def _levels(self, maxima: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return level and scale of each region and its neighbours, (P, R, C)."""
+        counts, white = pooled(maxima), self.white
+        step = (_HIGHEST - _LOWEST) / _BINS
+        low, high = (
+            white.level + white.scale * np.sinh(_LOWEST + step * bin_quantile(counts, part))
+            for part in (LEVEL, (1.0 + LEVEL) / 2.0))
+        number = counts.sum(axis=-1) * (1.0 - LEVEL) / self.correlated
+        weight = number / (number + _LEVEL_PRIOR)
+        return (
+            weight * low + (1.0 - weight) * white.level,
+            weight * (high - low) / math.log(2.0) + (1.0 - weight) * white.scale)
+
+    def _limits(self, memory: TailMemory) -> np.ndarray:
+        """Return the excess that is exceeded in the share of frames, and the slope, (P, 2)."""
+        white = self.white
+        a_frame = white.per_cell * math.prod(self.shape)
+        maxima = (memory.total + a_frame) / (memory.weight + 1.0)
+        prior = np.array(white.excesses) * (_TAIL_PRIOR / sum(white.excesses))
+        counts = memory.excesses / self.correlated + prior
+        share = counts.sum(axis=1) / (
+            memory.total / self.correlated + _TAIL_PRIOR / white.share)
+        wanted = np.minimum(-math.log1p(-self.prob) / (maxima * share), 0.5)
+        return np.array([
+            exceeded(count, float(prob)) for count, prob in zip(counts, wanted, strict=True)])
