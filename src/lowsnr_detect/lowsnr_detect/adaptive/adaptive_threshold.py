@@ -7,10 +7,11 @@ in earlier frames:
 
 1. In each region, level and scale: the 80 % quantile q of the maxima, and the median excess over
    it divided by ln 2 (the mean, for an exponential tail), which single objects hardly move.
-2. In the whole frame, the tail of the normalised excesses ``e = (x - q) / scale``, beyond what
-   was seen by averaged Pareto distributions (:mod:`lowsnr_detect.adaptive.pareto_tail`).
+2. The tail of the normalised excesses ``e = (x - q) / scale``, beyond what was seen by averaged
+   Pareto distributions (:mod:`lowsnr_detect.adaptive.pareto_tail`).
 
-Both are shrunk towards white noise by the number of independent maxima.  A maximum that is above
+By the number of independent maxima, regions are shrunk towards the whole frame, and all towards
+white noise.  Every region has the same share of the false alarms.  A maximum that is above
 the threshold, and near one of the frame before, is an object's and left out, unless more than a
 fifth of the maxima around are above it: that is clutter which is not learned yet.
 """
@@ -39,6 +40,8 @@ LEARNING_FRAMES = 4
 # White noise counts as so many independent maxima above the level of a region, and as so many of
 # the tail of the frame.
 _LEVEL_PRIOR, _TAIL_PRIOR = 10.0, 60.0
+# The frame counts as so many independent maxima of the tail of a region.
+_REGION_PRIOR = 20.0
 # Largest share of the maxima around that are taken for objects.
 _MOST_OBJECTS = 0.2
 # Cells within which an object's maximum stays from a frame to the next.
@@ -73,10 +76,10 @@ class TailMemory:
     ----------
     maxima : (P, R, C, bins) ndarray
         Faded numbers of maxima in each region, by their value.
-    excesses : (P, bins) ndarray
-        Faded numbers of excesses of the frame, by their value.
-    total, alarms : (P,) ndarray
-        Faded numbers of maxima, and of frames with a crossing that is not near an earlier one.
+    excesses : (P, R, C, bins) ndarray
+        Faded numbers of excesses in each region, by their value.
+    alarms : (P,) ndarray
+        Faded numbers of frames with a crossing that is not near an earlier one.
     weight, answered
         Faded numbers of frames with maxima, and of those that were answered.
     frames
@@ -88,7 +91,6 @@ class TailMemory:
 
     maxima: np.ndarray
     excesses: np.ndarray
-    total: np.ndarray
     alarms: np.ndarray
     weight: float
     answered: float
@@ -130,8 +132,8 @@ class AdaptiveThreshold:
     def init(self, planes: int = 1) -> TailMemory:
         """Return the memory before the first frame."""
         return TailMemory(
-            np.zeros((planes, *self.grid, _BINS)), np.zeros((planes, len(EDGES) - 1)),
-            np.zeros(planes), np.zeros(planes), 0.0, 0.0, 0,
+            np.zeros((planes, *self.grid, _BINS)),
+            np.zeros((planes, *self.grid, len(EDGES) - 1)), np.zeros(planes), 0.0, 0.0, 0,
             np.zeros((planes, *self.shape), dtype=bool))
 
     def measured(self, memory: TailMemory) -> np.ndarray:
@@ -140,11 +142,9 @@ class AdaptiveThreshold:
 
     def thresholds(self, memory: TailMemory) -> tuple[np.ndarray, np.ndarray]:
         """Return threshold and scale [nat] of every cell for the next frame, (P, rows, cols)."""
-        level, scale = self._levels(memory.maxima)
-        excess, slope = self._limits(memory).T
+        level, excess, scale, slope = self._regions(memory)
         down, across = (interpolation(*each) for each in zip(self.shape, self.grid, strict=True))
-        return (down @ (level + scale * excess[:, None, None]) @ across.T,
-                down @ (scale / slope[:, None, None]) @ across.T)
+        return (down @ (level + scale * excess) @ across.T, down @ (scale / slope) @ across.T)
 
     def step(
         self, memory: TailMemory, planes: np.ndarray,
@@ -168,40 +168,41 @@ class AdaptiveThreshold:
             without a local maximum and in the first ones, from which nothing is known yet.
 
         """
-        threshold, scale = self.thresholds(memory)
-        odds = ((planes - threshold) / scale).astype(np.float32)
+        level, excess, scale, slope = self._regions(memory)
+        down, across = (interpolation(*each) for each in zip(self.shape, self.grid, strict=True))
+        normalised = (planes - down @ level @ across.T) / (down @ scale @ across.T)
+        odds = (normalised - down @ excess @ across.T) * (down @ slope @ across.T)
         found = [local_maxima(np.ascontiguousarray(plane), max(self.reach, 1)) for plane in planes]
         if not any(value.size for _, _, value in found):
-            return memory, np.full_like(odds, -np.inf)
+            return memory, np.full_like(planes, -np.inf)
         answers = memory.frames >= LEARNING_FRAMES
-        memory = self._learned(memory, found, odds, answers)
-        return memory, odds if answers else np.full_like(odds, -np.inf)
+        memory = self._learned(memory, found, normalised, odds, answers)
+        return memory, odds.astype(np.float32) if answers else np.full_like(planes, -np.inf)
 
     def _learned(
         self, memory: TailMemory, found: list[tuple[np.ndarray, np.ndarray, np.ndarray]],
-        odds: np.ndarray, answers: bool,
+        normalised: np.ndarray, odds: np.ndarray, answers: bool,
     ) -> TailMemory:
         """Return the memory with the maxima of a frame, those of objects left out."""
         kept = 1.0 - 1.0 / _MEMORY_FRAMES
         maxima, excesses = kept * memory.maxima, kept * memory.excesses
-        total, alarms = kept * memory.total, kept * memory.alarms
-        crossed, limits = np.zeros_like(memory.crossed), self._limits(memory)
+        alarms, crossed = kept * memory.alarms, np.zeros_like(memory.crossed)
         for n, (row, col, value) in enumerate(found):
             region = (row * self.grid[0] // self.shape[0], col * self.grid[1] // self.shape[1])
             above, near = odds[n, row, col] > 0.0, memory.crossed[n, row, col]
-            noise = ~(above & near & self._few(region, above))
-            place = (*(index[noise] for index in region), self._bin(value[noise]))
-            np.add.at(maxima[n], place, 1.0)
-            limit, slope = limits[n]
-            excess = limit + odds[n, row, col][noise] / slope
-            excesses[n] += np.histogram(excess[excess > START], EDGES)[0]
-            total[n] += len(excess)
+            noise = ~(above & (near | ~answers) & self._few(region, above))
+            place = tuple(index[noise] for index in region)
+            np.add.at(maxima[n], (*place, self._bin(value[noise])), 1.0)
+            excess = normalised[n, row, col][noise]
+            tail = excess > START
+            part = np.searchsorted(EDGES, excess[tail]) - 1
+            np.add.at(excesses[n], (*(index[tail] for index in place), part), 1.0)
             alarms[n] += answers and bool(np.any(above & ~near))
             for i, j in zip(row[above], col[above]):
                 crossed[n, max(i - _FOLLOWED, 0):i + _FOLLOWED + 1,
                         max(j - _FOLLOWED, 0):j + _FOLLOWED + 1] = True
         return TailMemory(
-            maxima, excesses, total, alarms, kept * memory.weight + 1.0,
+            maxima, excesses, alarms, kept * memory.weight + 1.0,
             kept * memory.answered + answers, memory.frames + 1, crossed)
 
     def _few(self, region: tuple[np.ndarray, ...], above: np.ndarray) -> np.ndarray:
@@ -231,15 +232,22 @@ class AdaptiveThreshold:
             weight * low + (1.0 - weight) * white.level,
             weight * (high - low) / math.log(2.0) + (1.0 - weight) * white.scale)
 
-    def _limits(self, memory: TailMemory) -> np.ndarray:
-        """Return the excess that is exceeded in the share of frames, and the slope, (P, 2)."""
-        white = self.white
-        a_frame = white.per_cell * math.prod(self.shape)
-        maxima = (memory.total + a_frame) / (memory.weight + 1.0)
-        prior = np.array(white.excesses) * (_TAIL_PRIOR / sum(white.excesses))
-        counts = memory.excesses / self.correlated + prior
-        share = counts.sum(axis=1) / (
-            memory.total / self.correlated + _TAIL_PRIOR / white.share)
-        wanted = np.minimum(-math.log1p(-self.prob) / (maxima * share), 0.5)
-        return np.array([
-            exceeded(count, float(prob)) for count, prob in zip(counts, wanted, strict=True)])
+    def _regions(self, memory: TailMemory) -> tuple[np.ndarray, ...]:
+        """Return level, limit of the excess, scale, and slope at the limit, each (P, R, C)."""
+        white, area = self.white, pooled(np.ones((1, *self.grid, 1)))[..., 0]
+        level, scale = self._levels(memory.maxima)
+        # Maxima, and independent ones of the tail, of the frame and of each region.
+        number = memory.maxima.sum(axis=-1)
+        a_region = white.per_cell * math.prod(self.shape) / math.prod(self.grid)
+        maxima = (pooled(number[..., None])[..., 0] / area + a_region) / (memory.weight + 1.0)
+        prior = np.array(white.excesses) / sum(white.excesses)
+        frame = memory.excesses.sum(axis=(1, 2)) / self.correlated + _TAIL_PRIOR * prior
+        total = number.sum(axis=(1, 2)) / self.correlated + _TAIL_PRIOR / white.share
+        share = (frame.sum(axis=-1) / total)[:, None, None]
+        frame = (frame / frame.sum(axis=-1, keepdims=True))[:, None, None]
+        counts = pooled(memory.excesses) / self.correlated + _REGION_PRIOR * frame
+        within = pooled(number[..., None])[..., 0] / self.correlated + _REGION_PRIOR / share
+        share = counts.sum(axis=-1) / within
+        wanted = -math.log1p(-self.prob) / (math.prod(self.grid) * maxima * share)
+        excess, slope = exceeded(counts, np.minimum(wanted, 0.5))
+        return level, excess, scale, slope

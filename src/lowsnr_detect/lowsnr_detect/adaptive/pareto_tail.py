@@ -17,11 +17,11 @@ START = 1.0
 EDGES = np.concatenate([START + 6.0 * np.expm1(np.arange(64) * 0.08), [np.inf]])
 # Scales and shapes of the grid.  A heavier tail than xi = 0.1 would, on few data, extrapolate
 # beyond anything that was seen.
-_SCALES = np.exp(np.linspace(np.log(0.5), np.log(5.0), 16))
-_SHAPES = np.linspace(-0.3, 0.1, 16)
+_SCALES = np.exp(np.linspace(np.log(0.5), np.log(5.0), 10))
+_SHAPES = np.linspace(-0.3, 0.1, 8)
 _SCALE, _SHAPE = (axis.ravel() for axis in np.meshgrid(_SCALES, _SHAPES, indexing='ij'))
 # Values between which the answer is interpolated.
-_EXCESS = START + 6.0 * np.expm1(np.linspace(0.0, 6.0, 400))
+_EXCESS = START + 6.0 * np.expm1(np.linspace(0.0, 6.0, 240))
 _LEAST_PROB = 1e-300
 
 
@@ -37,30 +37,33 @@ _OF_EDGES = np.concatenate([survival(EDGES[:-1]), np.zeros((1, len(_SHAPE)))])
 _LOG_BIN = np.log(np.maximum(-np.diff(_OF_EDGES, axis=0), 1e-12))
 
 
-def exceeded(counts: np.ndarray, prob: float) -> tuple[float, float]:
+def exceeded(counts: np.ndarray, prob: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     Return the excess that one beyond ``START`` exceeds with a probability.
 
     Parameters
     ----------
-    counts : (bins,) ndarray
+    counts : (..., bins) ndarray
         How many independent excesses were seen between the ``EDGES``; may be fractions.
-    prob
-        Probability in (0, 1).
+    prob : (...,) ndarray
+        Probabilities in (0, 1).
 
     Returns
     -------
-    excess
-        The value.
-    slope
+    excess : (...,) ndarray
+        The values.
+    slope : (...,) ndarray
         Decrease of the log of the probability there, per unit of the excess [nat].
 
     """
     log_posterior = counts @ _LOG_BIN
-    weight = np.exp(log_posterior - log_posterior.max())
-    log_prob = np.log(np.maximum(_SURVIVAL @ (weight / weight.sum()), _LEAST_PROB))
-    after = int(np.clip(np.argmax(log_prob < np.log(prob)), 1, len(_EXCESS) - 1))
-    width = float(_EXCESS[after] - _EXCESS[after - 1])
-    fall = float(max(log_prob[after - 1] - log_prob[after], 1e-6))
-    part = float(np.clip((log_prob[after - 1] - np.log(prob)) / fall, 0.0, 1.0))
-    return float(_EXCESS[after - 1]) + part * width, fall / width
+    weight = np.exp(log_posterior - log_posterior.max(axis=-1, keepdims=True))
+    weight /= weight.sum(axis=-1, keepdims=True)
+    log_prob = np.log(np.maximum(weight @ _SURVIVAL.T, _LEAST_PROB))
+    wanted = np.log(prob)
+    after = np.clip(np.sum(log_prob >= wanted[..., None], axis=-1), 1, len(_EXCESS) - 1)
+    high, low = (
+        np.take_along_axis(log_prob, at[..., None], -1)[..., 0] for at in (after - 1, after))
+    width, fall = _EXCESS[after] - _EXCESS[after - 1], np.maximum(high - low, 1e-6)
+    part = np.clip((high - wanted) / fall, 0.0, 1.0)
+    return _EXCESS[after - 1] + part * width, fall / width
