@@ -67,8 +67,8 @@ def conditioned(frames: Any) -> Any:
     settings = ConditioningSettings()
     memory, answers = settings.init(frames[0].shape), []
     for frame in frames:
-        memory, cells = settings.step(memory, frame)
-        answers.append(cells.astype(float))
+        memory, output = settings.step(memory, frame)
+        answers.append(output.cells.astype(float))
     return np.stack(answers)
 
 
