@@ -13,7 +13,8 @@ SHAPE = (40, 56)
 
 def test_grid_is_the_disc_of_points_with_zero_first():
     velocity = velocity_grid(1.5, 4)
-    wanted = {(0.375 * i, 0.375 * j) for i in range(-4, 5) for j in range(-4, 5) if i*i + j*j <= 16}
+    wanted = {(0.375 * i, 0.375 * j) for i in range(-4, 5)
+              for j in range(-4, 5) if i * i + j * j <= 16}
     assert {tuple(each) for each in velocity.tolist()} == wanted
     assert len(velocity) == len(wanted) == 49
     assert not velocity[0].any()
@@ -51,30 +52,34 @@ def test_std_is_that_of_white_noise_for_every_velocity_and_frame(rng):
 
 @pytest.mark.parametrize('speed', [0.3, 0.8, 1.5])
 def test_moving_object_is_found_where_it_is(rng, speed):
-    # 3 sigma in a cell; 12 frames.
+    # Three sigma in each of four cells, as an object is after a camera's blur; 12 frames.
     bank, hits = VelocityBank(threshold=16.0), 0
     for heading in np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False):
         step = speed * np.array([np.sin(heading), np.cos(heading)])
         state, place = bank.init(SHAPE), np.array([20.0, 28.0])
         for _ in range(12):
             frame = rng.standard_normal(SHAPE)
-            frame[tuple(np.rint(place).astype(int))] += 3.0
+            row, col = np.floor(place).astype(int)
+            frame[row:row + 2, col:col + 2] += 3.0
             state, declared = bank.step(state, frame, rng)
             last, place = place, place + step
         found = declared.state[declared.score > 0.0][:, [2, 0]]
-        hits += bool(len(found)) and bool(np.linalg.norm(found - last, axis=1).min() <= 1.5)
+        hits += bool(len(found)) and bool(np.linalg.norm(found - last, axis=1).min() <= 2.0)
     assert hits >= 7
 
 
 def test_what_stands_takes_itself_out(rng):
-    bank = VelocityBank(threshold=16.0)
-    state, alarms = bank.init(SHAPE), 0
-    for k in range(60):
-        frame = rng.standard_normal(SHAPE)
-        frame[20, 28] += 6.0
-        state, declared = bank.step(state, frame, rng)
-        alarms += k >= 20 and bool(declared.any)
-    assert alarms == 0
+    level = {}
+    for standing in (0.0, 0.5):
+        bank, most = VelocityBank(standing=standing), []
+        state = bank.init(SHAPE)
+        for k in range(60):
+            frame = np.random.default_rng(k).standard_normal(SHAPE)
+            frame[20, 28] += 3.0
+            state, plane = bank.statistic(state, frame)
+            most.append(plane[20, 28])
+        level[standing] = np.mean(most[20:])
+    assert level[0.5] < 0.5 * level[0.0]
 
 
 def test_blank_frames_before_the_first_one_are_not_counted(rng):

@@ -18,11 +18,11 @@ from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.core.streams import stream
 from lowsnr_detect.adaptive.adaptive_threshold import AdaptiveThreshold
 from lowsnr_detect.adaptive.adaptive_threshold import LEVEL
-from lowsnr_detect.adaptive.adaptive_threshold import TailMemory
-from lowsnr_detect.adaptive.adaptive_threshold import WhiteTail
 from lowsnr_detect.adaptive.local_maxima import local_maxima
 from lowsnr_detect.adaptive.pareto_tail import EDGES
 from lowsnr_detect.adaptive.pareto_tail import START
+from lowsnr_detect.adaptive.tail_memory import TailMemory
+from lowsnr_detect.adaptive.tail_memory import WhiteTail
 from lowsnr_detect.parts.cell_detector import CellDetector
 from lowsnr_detect.parts.detector import Declarations
 from lowsnr_detect.parts.detector import Detector

@@ -12,8 +12,9 @@ in earlier frames:
 
 By the number of independent maxima, regions are shrunk towards the whole frame, and all towards
 white noise.  Every region has the same share of the false alarms.  A maximum that is above
-the threshold, and near one of the frame before, is an object's and left out, unless more than a
-fifth of the maxima around are above it: that is clutter which is not learned yet.
+the threshold waits for the next frame: if one is near it there, it is an object's and left out,
+unless more than a fifth of the maxima around are above the threshold: that is clutter which is not
+learned yet.
 """
 
 from __future__ import annotations
@@ -29,12 +30,14 @@ from lowsnr_detect.adaptive.pareto_tail import START
 from lowsnr_detect.adaptive.region_maps import bin_quantile
 from lowsnr_detect.adaptive.region_maps import interpolation
 from lowsnr_detect.adaptive.region_maps import pooled
+from lowsnr_detect.adaptive.tail_memory import TailMemory
+from lowsnr_detect.adaptive.tail_memory import WhiteTail
 import numpy as np
 
 # The level of a region is this quantile of its maxima.
 LEVEL = 0.8
 # Side of a region [cells], and frames over which the tail is forgotten.
-_REGION, _MEMORY_FRAMES = 16, 50
+_REGION, _MEMORY_FRAMES = 24, 50
 # Frames with maxima before the first answer.
 LEARNING_FRAMES = 4
 # White noise counts as so many independent maxima above the level of a region, and as so many of
@@ -48,54 +51,6 @@ _MOST_OBJECTS = 0.2
 _FOLLOWED = 4
 # Bins of a region, in steps of arsinh((x - level) / scale) of white noise.
 _LOWEST, _HIGHEST, _BINS = -4.0, 9.0, 160
-
-
-@dataclass(frozen=True)
-class WhiteTail:
-    """
-    The local maxima of a statistic in white noise.
-
-    ``level`` and ``scale`` of their tail [nat], maxima ``per_cell``, the ``share`` of them whose
-    excess is beyond ``START``, and how those are distributed, ``excesses``, one a bin of
-    ``EDGES``.
-    """
-
-    level: float
-    scale: float
-    per_cell: float
-    share: float
-    excesses: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class TailMemory:
-    """
-    What was seen in earlier frames, of P planes.
-
-    Parameters
-    ----------
-    maxima : (P, R, C, bins) ndarray
-        Faded numbers of maxima in each region, by their value.
-    excesses : (P, R, C, bins) ndarray
-        Faded numbers of excesses in each region, by their value.
-    alarms : (P,) ndarray
-        Faded numbers of frames with a crossing that is not near an earlier one.
-    weight, answered
-        Faded numbers of frames with maxima, and of those that were answered.
-    frames
-        Number of frames with maxima.
-    crossed : (P, rows, cols) ndarray of bool
-        Whether a cell is near a crossing of the frame before.
-
-    """
-
-    maxima: np.ndarray
-    excesses: np.ndarray
-    alarms: np.ndarray
-    weight: float
-    answered: float
-    frames: int
-    crossed: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -187,23 +142,37 @@ class AdaptiveThreshold:
         kept = 1.0 - 1.0 / _MEMORY_FRAMES
         maxima, excesses = kept * memory.maxima, kept * memory.excesses
         alarms, crossed = kept * memory.alarms, np.zeros_like(memory.crossed)
+        held = []
         for n, (row, col, value) in enumerate(found):
-            region = (row * self.grid[0] // self.shape[0], col * self.grid[1] // self.shape[1])
-            above, near = odds[n, row, col] > 0.0, memory.crossed[n, row, col]
-            noise = ~(above & (near | ~answers) & self._few(region, above))
-            place = tuple(index[noise] for index in region)
-            np.add.at(maxima[n], (*place, self._bin(value[noise])), 1.0)
-            excess = normalised[n, row, col][noise]
-            tail = excess > START
-            part = np.searchsorted(EDGES, excess[tail]) - 1
-            np.add.at(excesses[n], (*(index[tail] for index in place), part), 1.0)
-            alarms[n] += answers and bool(np.any(above & ~near))
+            seen = np.stack([row, col, value, normalised[n, row, col]])
+            above = odds[n, row, col] > 0.0
             for i, j in zip(row[above], col[above]):
                 crossed[n, max(i - _FOLLOWED, 0):i + _FOLLOWED + 1,
                         max(j - _FOLLOWED, 0):j + _FOLLOWED + 1] = True
+            few = self._few(self._region(row, col), above)
+            waits, beside = above & few, crossed[n, row, col] & few
+            before = memory.held[n] if memory.held else seen[:, :0]
+            alone = ~crossed[n, before[0].astype(np.intp), before[1].astype(np.intp)]
+            self._count(
+                np.concatenate([seen[:, ~beside], before[:, alone]], axis=1),
+                maxima[n], excesses[n])
+            alarms[n] += answers and bool(np.any(above & ~memory.crossed[n, row, col]))
+            held.append(seen[:, waits])
         return TailMemory(
             maxima, excesses, alarms, kept * memory.weight + 1.0,
-            kept * memory.answered + answers, memory.frames + 1, crossed)
+            kept * memory.answered + answers, memory.frames + 1, crossed, tuple(held))
+
+    def _region(self, row: np.ndarray, col: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the region of each cell."""
+        return (row * self.grid[0] // self.shape[0], col * self.grid[1] // self.shape[1])
+
+    def _count(self, noise: np.ndarray, maxima: np.ndarray, excesses: np.ndarray) -> None:
+        """Count maxima (row, column, value, excess) in the bins of their regions."""
+        region, value, excess = self._region(*noise[:2].astype(np.intp)), noise[2], noise[3]
+        np.add.at(maxima, (*region, self._bin(value)), 1.0)
+        tail = excess > START
+        part = np.searchsorted(EDGES, excess[tail]) - 1
+        np.add.at(excesses, (region[0][tail], region[1][tail], part), 1.0)
 
     def _few(self, region: tuple[np.ndarray, ...], above: np.ndarray) -> np.ndarray:
         """Return whether few of the maxima around each are above the threshold."""
