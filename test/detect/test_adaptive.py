@@ -1,6 +1,7 @@
 """Adaptive thresholds: the rate they hold in noise of any kind, and what they still detect."""
 
 from lowsnr_common.core.measurement import SensorModel
+from lowsnr_common.settings.node_settings import DetectionSettings
 from lowsnr_detect.adaptive.adaptive_detector import AdaptiveDetector
 from lowsnr_detect.adaptive.adaptive_threshold import AdaptiveThreshold
 from lowsnr_detect.adaptive.adaptive_threshold import LEARNING_FRAMES
@@ -13,6 +14,7 @@ from lowsnr_detect.adaptive.tail_memory import WhiteTail
 from lowsnr_detect.detectors.auto import Auto
 from lowsnr_detect.detectors.cusum import CUSUM
 from lowsnr_detect.detectors.hmm import HMM
+from lowsnr_detect.node.live_detector import LiveDetector
 from lowsnr_detect.parts.registry import detector_class
 import numpy as np
 import pytest
@@ -185,3 +187,41 @@ def test_object_is_left_out_and_clutter_everywhere_is_not():
 def test_detector_without_a_statistic_of_cells_is_refused():
     with pytest.raises(ValueError, match="HMM.*'adaptive'"):
         AdaptiveDetector(HMM(), 0.01, (8, 8))
+
+
+def live(name, point, **settings):
+    """Return a live detector at an operating point, and what it logs."""
+    logged = []
+    operating = DetectionSettings(operating_point=point, false_alarm_prob=0.05)
+    detector = detector_class(name)(sensor=SENSOR, **settings)
+    return LiveDetector(name, (detector, operating), (20, 24), logged.append), logged
+
+
+def test_node_states_the_rate_asked_and_measured_and_starts_without_a_curve(rng, monkeypatch):
+    monkeypatch.setattr('lowsnr_detect.node.live_detector.curve', None)
+    work, _ = live('auto', 'adaptive')
+    for _ in range(30):
+        work.step(rng.standard_normal((20, 24)), rng)
+    assert work.rates()['asked'] == 0.05
+    assert 0.0 <= work.rates()['measured'] < 0.3
+    assert 5.0 < work.thresholds()['threshold'] < 100.0
+
+
+def test_operating_point_changes_to_adaptive_and_back_with_an_empty_memory(rng):
+    work, logged = live('cusum', 'manual', threshold=9.0)
+    detector = CUSUM(sensor=SENSOR, threshold=9.0)
+    for number, point in enumerate(('adaptive', 'manual')):
+        work.step(rng.standard_normal((20, 24)), rng)
+        settings = (detector, DetectionSettings(operating_point=point))
+        work.check(settings)
+        work.change(settings, number)
+        assert bool(work.rates()) == (point == 'adaptive')
+    work.step(rng.standard_normal((20, 24)), rng)
+    assert work.thresholds() == {'threshold': 9.0}
+    assert [line.rpartition(', ')[2] for line in logged] == ['memory starts empty'] * 2
+
+
+def test_change_to_adaptive_is_refused_without_a_statistic_of_cells():
+    work, _ = live('hmm', 'manual')
+    with pytest.raises(ValueError, match='HMM'):
+        work.check((HMM(), DetectionSettings(operating_point='adaptive')))
