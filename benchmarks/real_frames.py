@@ -1,15 +1,21 @@
 """
-Run conditioner, detector and tracker on real sequences, without ROS, and draw each.
+Run conditioner, detector and tracker on real sequences, without ROS: as recorded, and erased.
 
-All sequences use the settings of config/, and the detector that suits their kind.  Positions are
-in conditioned cells of two pixels.  A confirmed track follows the object within 2.5 cells of it,
-and is false if no object in the file of the sequence is within 2.5 cells.
+All sequences have the same settings, those of the library, with adaptive thresholds.  Erased
+means that a patch around the object is replaced by its median over the frames, in scene
+coordinates; what is declared within 12 pixels of the object's place is not counted.  As recorded,
+a declaration or a confirmed track is on the object within 5 pixels of it, and false if no object
+in the file is as near.  Scored are the frames from the tenth on; hits, from the tenth with the
+object on.
+
+A sequence is an .npz file with frames (T, rows, cols), truth (T, 2) as x, y or NaN, and where
+known t_s (T,), box_wh, camera_offset (T, 2), other_truth and uncatalogued_truth (n, T, 2).
 """
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 import sys
+import time
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -18,142 +24,185 @@ sys.path.insert(0, str(ROOT / 'scripts'))
 import _environment  # noqa: E402
 
 DATA = ROOT.parent / 'shared' / 'data'
-SEQUENCES = (('lasco_c3_8dB', 'mmtbd2'), ('ir_helicopter_049', 'sdt'))
 SNR_DB = 8.0
-FALSE_ALARM_PROB = 0.01
-GATE_CELLS = 2.5
-# Frames after the object has appeared that are not scored.
-SETTLING = 10
+GATE_PX, PATCH_PX, SETTLING = 5.0, 12.0, 9
+# Half of the patch where the file has no box, and what is added to half a box [pixels].
+PATCH_HALF, PATCH_MARGIN = 6, 3
 
 
 def main() -> int:
     """Measure, print and draw; return the exit code."""
     parser = argparse.ArgumentParser(
         description=__doc__.strip().partition('\n')[0], allow_abbrev=False,
-        epilog='example: python benchmarks/real_frames.py --sequence lasco_c3_8dB=hmm')
-    parser.add_argument(
-        '--sequence', nargs='+', metavar='FILE=DETECTOR',
-        default=['='.join(pair) for pair in SEQUENCES],
-        help='files of the data folder without .npz, each with its detector')
-    parser.add_argument('--data', type=Path, default=DATA, help='folder of the sequences')
-    parser.add_argument('--seeds', type=int, default=5, help='seeds of detector and tracker (5)')
+        epilog='example: python benchmarks/real_frames.py --detector bank --folder my_sequences')
+    parser.add_argument('--folder', type=Path, default=DATA, help='folder of .npz files')
+    parser.add_argument('--sequence', nargs='+', help='names without .npz; all by default')
+    parser.add_argument('--detector', default='auto', help='a detector of cells (auto)')
+    parser.add_argument('--prob', type=float, default=0.01, help='false-alarm share asked (0.01)')
     parser.add_argument('--out', type=Path, default=ROOT / 'results' / 'real_frames')
     options = parser.parse_args()
     _environment.ensure()
     import numpy as np
+    names = options.sequence or sorted(path.stem for path in options.folder.glob('*.npz'))
+    if not names:
+        parser.error(f'no .npz files in {options.folder}')
     options.out.mkdir(parents=True, exist_ok=True)
-    print('| sequence | detector | seed | followed | false |\n|---|---|---|---|---|')
-    for text in options.sequence:
-        name, _, detector = text.partition('=')
-        with np.load(options.data / f'{name}.npz') as archive:
+    print('| sequence | detections P_D / false | tracks P_D / false | first track | erased: '
+          'frames with a declaration | with a track | measured | ms |\n|' + '---|' * 8)
+    for name in names:
+        with np.load(options.folder / f'{name}.npz') as archive:
             data = dict(archive)
-        cells = conditioned(data['frames'])
-        for seed in range(options.seeds):
-            tracks = tracked(detector, cells, data['t_s'], seed)
-            followed, present, false = score(tracks, data)
-            print(f'| {name} | {detector} | {seed} | {followed} of {present} frames | '
-                  f'{false} of {len(tracks)} frames |', flush=True)
-            if seed == 0:
-                draw(options.out / f'{name}.png', data, cells, tracks)
-    print(f'\npictures in {options.out}')
+        print(row(name, data, options), flush=True)
+    print(f'\nasked: {options.prob:g} of the frames; pictures in {options.out}')
     return 0
 
 
-def conditioned(frames: Any) -> Any:
-    """Return the conditioned frames (T, rows, cols)."""
+def row(name: str, data: Any, options: Any) -> str:
+    """Run a sequence as recorded and erased; draw it and return its row of the table."""
+    start = time.perf_counter()
+    found, tracks, _ = followed(data, data['frames'], options)
+    spent = 1e3 * (time.perf_counter() - start) / len(found)
+    draw(options.out / f'{name}.png', data, tracks)
+    kept, ghosts, measured = followed(data, erased(data), options)
+    hit, false, _ = score(found, data)
+    tracked, false_tracks, first = score(tracks, data)
+    shares = ' | '.join(f'{share_elsewhere(each, data):.2f}' for each in (kept, ghosts))
+    return (f'| {name} | {hit:.2f} / {false:.2f} | {tracked:.2f} / {false_tracks:.2f} | '
+            f'{first if first >= 0 else "-"} | {shares} | {measured:.3f} | {spent:.0f} |')
+
+
+def erased(data: Any) -> Any:
+    """Return the frames with the object replaced by the median over the frames of the scene."""
+    import numpy as np
+
+    frames = data['frames'].copy()
+    count, rows, cols = frames.shape
+    offset = np.rint(data.get('camera_offset', np.zeros((count, 2)))).astype(int)
+    offset -= offset.min(axis=0)
+    scene = np.full((count, rows + offset[:, 1].max(), cols + offset[:, 0].max()), np.nan, 'f4')
+    for plane, frame, (x, y) in zip(scene, frames, offset):
+        plane[y:y + rows, x:x + cols] = frame
+    scene[:, np.isnan(scene).all(axis=0)] = 0.0
+    median = np.nanmedian(scene, axis=0)
+    if np.issubdtype(frames.dtype, np.integer):
+        median = np.rint(median)
+    boxes = data.get('box_wh', np.full((count, 2), 2 * (PATCH_HALF - PATCH_MARGIN)))
+    for k in np.flatnonzero(np.isfinite(data['truth']).all(axis=1)):
+        (x, y), (left, top) = data['truth'][k].astype(int), offset[k]
+        half = int(np.ceil(np.nanmax(boxes[k]) / 2)) + PATCH_MARGIN
+        part = (slice(max(y - half, 0), y + half + 1), slice(max(x - half, 0), x + half + 1))
+        frames[k][part] = median[top:top + rows, left:left + cols][part]
+    return frames
+
+
+def conditioned(frames: Any) -> tuple[Any, Any, Any]:
+    """Return cells in scene coordinates (T, rows, cols), what gave them, and their corner."""
     from lowsnr_sensor.conditioning.conditioner import ConditioningSettings
     import numpy as np
 
     settings = ConditioningSettings()
-    memory, answers = settings.init(frames[0].shape), []
+    memory, outputs = settings.init(frames[0].shape), []
     for frame in frames:
-        memory, cells = settings.step(memory, frame)
-        answers.append(cells.astype(float))
-    return np.stack(answers)
+        memory, output = settings.step(memory, frame)
+        outputs.append(output)
+    origins = np.array([output.origin for output in outputs])
+    corner = origins.min(axis=0)
+    size = outputs[0].cells.shape
+    scene = np.zeros((len(outputs), *(size + origins.max(axis=0) - corner)), np.float32)
+    for plane, output, (top, left) in zip(scene, outputs, origins - corner):
+        plane[top:top + size[0], left:left + size[1]] = output.cells
+    return scene, outputs, corner
 
 
-def tracked(name: str, cells: Any, times_s: Any, seed: int) -> list[list[Any]]:
-    """Return the confirmed tracks of every frame; the unit of time is the median period."""
+def followed(data: Any, frames: Any, options: Any) -> tuple[list[Any], list[Any], float]:
+    """Return positions x, y [pixels] of detections and tracks in each frame, and the rate."""
     from lowsnr_common.core.measurement import SensorModel
     from lowsnr_common.core.streams import stream
-    from lowsnr_detect.calibration.operating_point import calibrated
+    from lowsnr_detect.adaptive.adaptive_detector import AdaptiveDetector
     from lowsnr_detect.parts.registry import detector_class
+    from lowsnr_sensor.conditioning.conditioner import ConditioningSettings
     from lowsnr_track.pda_mmpf import PdaMmpf
     import numpy as np
 
-    shape = cells.shape[1:]
-    cls: Any = detector_class(name)
-    detector: Any = cls(sensor=SensorModel(snr_db=SNR_DB))
-    found = calibrated(detector, FALSE_ALARM_PROB, shape)
-    detector = replace(detector, threshold=found.threshold)
+    scene, outputs, corner = conditioned(frames)
+    shape = scene.shape[1:]
+    kind: Any = detector_class(options.detector)
+    plain = kind(sensor=SensorModel(snr_db=SNR_DB))
+    detector = AdaptiveDetector(plain, options.prob, shape)
     tracker = PdaMmpf(
-        rows=shape[0], cols=shape[1], frames_per_detection=detector.frames_per_declaration)
-    stamps = 1.0 + times_s / np.median(np.diff(times_s))
-    own, following = stream(seed, 'detector'), stream(seed, 'tracker')
-    memory, state, answers = detector.init(shape), tracker.init(), []
-    for frame, stamp in zip(cells, stamps):
-        memory, declared = detector.step(memory, frame, own)
-        state, output = tracker.step(state, declared.estimates(), float(stamp), following)
-        answers.append(output.confirmed)
-    return answers
+        rows=shape[0], cols=shape[1], frames_per_detection=plain.frames_per_declaration)
+    times = np.asarray(data.get('t_s', np.arange(len(frames))), float)
+    stamps = 1.0 + times / np.median(np.diff(times))
+    rng = stream(0, 'tracker')
+    memory, state = detector.init(shape), tracker.init()
+    found: list[Any] = []
+    tracks: list[Any] = []
+    for cells, output, stamp in zip(scene, outputs, stamps):
+        if output.event == 'cut':
+            memory, state = detector.init(shape), tracker.restart(state)
+        memory, declared = detector.step(memory, cells, rng)
+        state, answer = tracker.step(state, declared.estimates(), float(stamp), rng)
+        for places, items in ((found, declared.estimates()), (tracks, answer.confirmed)):
+            place = np.array([item.state[[0, 2]] for item in items]).reshape(-1, 2)
+            shift = (np.array(output.origin) - corner)[::-1]
+            places.append(ConditioningSettings().pixels(place - shift, output))
+    return found, tracks, detector.measured(memory)
 
 
-def objects(data: Any) -> Any:
-    """Return the known objects in cells, first the one to follow, (n, T, 2)."""
-    from lowsnr_sensor.conditioning.conditioner import ConditioningSettings
+def distances(places: Any, data: Any, k: int) -> Any:
+    """Return the distances of positions from the known objects, (n, objects), first the one."""
     import numpy as np
 
     others = [data[key] for key in ('other_truth', 'uncatalogued_truth') if key in data]
-    return ConditioningSettings().cells(np.concatenate([data['truth'][None], *others]))
+    known = np.concatenate([data['truth'][None], *others])[:, k]
+    gaps = np.linalg.norm(places[:, None] - known, axis=-1)
+    return np.where(np.isfinite(gaps), gaps, np.inf)
 
 
-def score(tracks: list[list[Any]], data: Any) -> tuple[int, int, int]:
-    """Return the numbers of frames with a track of the object, with it, and with a false track."""
+def score(found: list[Any], data: Any) -> tuple[float, float, int]:
+    """Return P_D, false ones a frame, and the frames from the appearance to the first hit."""
     import numpy as np
 
-    known = objects(data)
-    present = np.isfinite(known[0]).all(axis=-1)
-    scored = present & (np.arange(len(tracks)) >= np.argmax(present) + SETTLING)
-    followed = false = 0
-    for k, found in enumerate(tracks):
-        places = np.array([item.state[[0, 2]] for item in found]).reshape(-1, 1, 2)
-        near = np.linalg.norm(places - known[:, k], axis=-1) <= GATE_CELLS
-        followed += bool(scored[k] and near[:, 0].any())
-        false += bool((~near.any(axis=1)).any())
-    return followed, int(scored.sum()), false
+    present = np.isfinite(data['truth']).all(axis=1)
+    appears = int(np.argmax(present))
+    gaps = [distances(places, data, k) for k, places in enumerate(found)]
+    hit = np.array([bool((gap[:, 0] <= GATE_PX).any()) for gap in gaps])
+    false = [int(np.sum(gap.min(axis=1, initial=np.inf) > GATE_PX)) for gap in gaps]
+    scored = present & (np.arange(len(found)) >= appears + SETTLING)
+    first = int(np.argmax(hit)) - appears if hit.any() else -1
+    return float(hit[scored].mean()), float(np.mean(false[SETTLING:])), first
 
 
-def draw(path: Path, data: Any, cells: Any, tracks: list[list[Any]]) -> None:
-    """Draw a frame, recorded and conditioned, and the tracks over the frames."""
+def share_elsewhere(found: list[Any], data: Any) -> float:
+    """Return the share of frames with a position that is not near the patch or an object."""
+    import numpy as np
+
+    return float(np.mean([
+        bool((distances(places, data, k).min(axis=1, initial=np.inf) > PATCH_PX).any())
+        for k, places in enumerate(found)][SETTLING:]))
+
+
+def draw(path: Path, data: Any, tracks: list[Any]) -> None:
+    """Draw a frame as recorded with its tracks, and the tracks over the frames."""
     from matplotlib.figure import Figure
     import numpy as np
 
-    known, k = objects(data), len(tracks) * 3 // 5
-    figure = Figure(figsize=(13.0, 4.2), layout='constrained')
-    raw, clean, over = figure.subplots(1, 3)
+    k = len(tracks) * 3 // 5
+    figure = Figure(figsize=(11.0, 4.2), layout='constrained')
+    raw, over = figure.subplots(1, 2)
     raw.imshow(data['frames'][k], cmap='gray')
-    raw.set_title(f'frame {k + 1} as recorded')
-    clean.imshow(cells[k], cmap='gray', vmin=-4.0, vmax=4.0)
-    clean.set_title('conditioned, with object and tracks')
-    clean.plot(*known[0, k], 'o', mec='C1', mfc='none', ms=14)
-    for item in tracks[k]:
-        clean.plot(item.state[0], item.state[2], '+', color='C0', ms=9)
-    for axis, name, style in ((0, 'x', '-'), (1, 'y', '--')):
-        over.plot(np.arange(1, len(tracks) + 1), known[0, :, axis], style, color='C1',
-                  label=f'truth {name}')
-        for on, colour, label in ((False, '0.8', 'others'), (True, 'C0', 'on the object')):
-            points = [(n, item.state[2 * axis]) for n, found in enumerate(tracks, 1)
-                      for item in found if on == is_near(item, known[0, n - 1])]
-            if points:
-                over.plot(*zip(*points), 'x+'[axis], color=colour, ms=5, label=f'{name}, {label}')
-    over.set(xlabel='frame', ylabel='position [cells]', title='confirmed tracks over the frames')
+    raw.plot(*data['truth'][k], 'o', mec='C1', mfc='none', ms=14)
+    raw.plot(*tracks[k].T, '+', color='C0', ms=9)
+    raw.set_title(f'frame {k + 1}: object (ring) and tracks [pixels]')
+    for axis, mark, style in ((0, 'x', '-'), (1, '+', '--')):
+        name, frames = 'xy'[axis], np.arange(1, len(tracks) + 1)
+        over.plot(frames, data['truth'][:, axis], style, color='C1', label=f'truth {name}')
+        number = np.repeat(frames, [len(places) for places in tracks])
+        over.plot(number, np.concatenate(tracks)[:, axis], mark, color='C0', ms=5,
+                  label=f'tracks {name}')
+    over.set(xlabel='frame', ylabel='position [pixels]', title='confirmed tracks over the frames')
     over.legend(fontsize='small')
     figure.savefig(path, dpi=110)
-
-
-def is_near(item: Any, place: Any) -> bool:
-    """Return whether a track is within the gate of a position in cells."""
-    return bool(abs(complex(item.state[0] - place[0], item.state[2] - place[1])) <= GATE_CELLS)
 
 
 if __name__ == '__main__':

@@ -67,7 +67,8 @@ def test_frames_are_conditioned_and_malformed_ones_answered_with_zeros(
     for k, answer in enumerate(answers):
         expected = np.zeros((7, 5))
         if k not in (8, 10):
-            state, expected = settings.step(state, frames[k].astype(np.uint8))
+            state, output = settings.step(state, frames[k].astype(np.uint8))
+            expected = output.cells
         np.testing.assert_array_equal(messages.image_to_frame(answer), expected)
         assert expected.any() == (k > 4 and k not in (8, 10))
     assert (conditioner.counts['in'], conditioner.counts['out']) == (13, 12)

@@ -41,7 +41,7 @@ def test_descriptors_say_what_is_allowed(cdt):
     assert rate.additional_constraints == 'a number in (0.0, 1.0)'
     span, = rate.floating_point_range
     assert (span.from_value, span.to_value) == (0.0, 1.0)
-    assert point.additional_constraints == "one of 'matched', 'nominal', 'manual'"
+    assert point.additional_constraints == "one of 'matched', 'adaptive', 'nominal', 'manual'"
     assert size.additional_constraints == 'a whole number in [1, 10000]'
 
 
@@ -67,7 +67,7 @@ def test_threshold_is_in_force_from_the_next_frame(cdt, log):
     ('threshold', None, {'threshold', 'None'}),
     ('sensor.snr_db', 80.1, {'sensor.snr_db', '80.1', '[-30.0, 80.0]'}),
     ('false_alarm_prob', 1.0, {'false_alarm_prob', '(0.0, 1.0)'}),
-    ('operating_point', 'best', {'operating_point', "'matched', 'nominal', 'manual'"}),
+    ('operating_point', 'best', {'operating_point', "'adaptive', 'nominal', 'manual'"}),
     ('false_alarm_prob', 0.1, {'false_alarm_prob', 'operating_point', "'manual'", "'matched'"}),
     ('max_detections', 3, {'max_detections', 'read-only', '--set cdt.max_detections=VALUE'}),
     ('sensor.noise_std', 2.0, {'sensor.noise_std', 'read-only'}),

@@ -17,8 +17,8 @@ from lowsnr_common.ros.qos import any_reliability
 from lowsnr_common.ros.qos import frame_depth
 from lowsnr_common.ros.qos import reliable
 from lowsnr_common.settings.node_settings import TruthSettings
-from lowsnr_sensor.conditioning.conditioner import ConditionerState
 from lowsnr_sensor.conditioning.conditioner import ConditioningSettings
+from lowsnr_sensor.conditioning.state import ConditionerState
 from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.lifecycle import LifecycleState
@@ -72,7 +72,8 @@ class ConditionerNode(ManagedNode):
         try:
             frame = image_to_array(image)
             before = self._conditioner_state or self.conditioning.init(frame.shape)
-            self._conditioner_state, cells = self.conditioning.step(before, frame)
+            self._conditioner_state, output = self.conditioning.step(before, frame)
+            cells = output.cells
         except Malformed as error:
             if self._conditioner_state is None:
                 self.reject('image_raw', error.reason, f'{error}; frame rejected')
@@ -80,7 +81,7 @@ class ConditionerNode(ManagedNode):
             self.reject(
                 'image_raw', error.reason, f'{error}; frame rejected, published as zeros')
             cells = np.zeros(
-                self.conditioning.size(self._conditioner_state.history.shape[-2:]))
+                self.conditioning.size(self._conditioner_state.shape))
         self._image.publish(messages.frame_to_image(cells, image.header))
         self.counts['out'] += 1
 

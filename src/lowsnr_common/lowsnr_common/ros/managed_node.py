@@ -181,6 +181,10 @@ class ManagedNode(SettingsNode):
             self.get_logger().warning(str(self.health.fault))
         return order is not StampOrder.LATE
 
+    def facts(self) -> dict[str, str]:
+        """Return values of the node's own for ``/diagnostics``, by key."""
+        return {}
+
     def report(self) -> None:
         """Publish counts, times and faults."""
         if not self.context.ok():
@@ -193,7 +197,8 @@ class ManagedNode(SettingsNode):
             faults = faults + [fault for each in self._inputs for fault in each.silence()]
         message = DiagnosticArray(status=[self.health.status(
             self.get_fully_qualified_name(), faults,
-            {'state': self._state_machine.current_state[1], 'process': str(os.getpid())})])
+            {'state': self._state_machine.current_state[1], 'process': str(os.getpid()),
+             **self.facts()})])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
         self.bringup.tell(STATUS, message)

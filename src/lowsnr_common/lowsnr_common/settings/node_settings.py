@@ -111,11 +111,12 @@ class DetectionSettings:
     """Settings of the node of a detector: its operating point, and the size of its frames."""
 
     operating_point: str = setting(
-        'matched', "'matched': the threshold is calibrated to false_alarm_prob; 'nominal': the "
-        "threshold of the test's design; 'manual': the parameter threshold",
-        choices=('matched', 'nominal', 'manual'), live=True)
+        'matched', "'matched': the threshold is calibrated to false_alarm_prob; 'adaptive': it is "
+        "learned from earlier frames, for false_alarm_prob; 'nominal': the threshold of the "
+        "test's design; 'manual': the parameter threshold",
+        choices=('matched', 'adaptive', 'nominal', 'manual'), live=True)
     false_alarm_prob: float = setting(
-        0.01, 'share of empty frames with any declaration, if matched', gt=0.0, lt=1.0,
+        0.01, 'share of empty frames with any declaration, if matched or adaptive', gt=0.0, lt=1.0,
         live=True)
     rows: int = setting(0, 'rows of a frame; 0 takes those of the first frame', ge=0, le=16384)
     cols: int = setting(0, 'columns of a frame; 0 takes those of the first frame', ge=0, le=16384)

@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from lowsnr_detect.parts.cell_detector import CellDetector
-from lowsnr_detect.parts.detector import Declarations
 from lowsnr_detect.parts.registry import register
 from lowsnr_detect.parts.wald_bounds import ratio_terms
 import numpy as np
@@ -22,10 +21,8 @@ import numpy as np
 class CDT(CellDetector):
     """Conventional detection: declare the cells with ``ln L(z) > ln th``, eq. (4)."""
 
-    def step(
-        self, state: None, frame: np.ndarray, rng: np.random.Generator,
-    ) -> tuple[None, Declarations]:
-        """Declare the cells of a frame (..., rows, cols) above the threshold."""
+    def statistic(self, state: None, frame: np.ndarray) -> tuple[None, np.ndarray]:
+        """Return no memory, and ln L of every cell of a frame (..., rows, cols)."""
         plane, factor, offset = ratio_terms(self.sensor, frame)
         log_ratio = plane.astype(np.float32) * factor - offset
-        return None, self.declare(log_ratio.reshape(frame.shape))
+        return None, log_ratio.reshape(frame.shape)

@@ -24,9 +24,7 @@ from lowsnr_common.core.motion import MotionModes
 from lowsnr_common.settings.declare import setting
 from lowsnr_detect.parts.bands import in_bands
 from lowsnr_detect.parts.cell_detector import CellDetector
-from lowsnr_detect.parts.centroids import with_centroids
 from lowsnr_detect.parts.detector import CORRELATED_FRAMES
-from lowsnr_detect.parts.detector import Declarations
 from lowsnr_detect.parts.moves import best_vicinity
 from lowsnr_detect.parts.moves import move_model
 from lowsnr_detect.parts.moves import shifted
@@ -34,10 +32,6 @@ from lowsnr_detect.parts.path_kernels import extend_sums
 from lowsnr_detect.parts.registry import register
 from lowsnr_detect.parts.wald_bounds import ratio_terms
 import numpy as np
-
-# Cells on each side of a declaration over which its position is averaged.  At 6 dB hits within
-# 1.5 cells are most frequent with 2: P_D .55, .57, .60, .59 for 0 to 3 (150 runs, random.yaml).
-_CENTROID_REACH = 2
 
 
 def page_recursion(
@@ -77,6 +71,9 @@ class CUSUM(CellDetector):
     """Page's test over all paths: declare the cells with ``S_k > ln th``."""
 
     feedback: ClassVar[bool] = True
+    # At 6 dB hits within 1.5 cells are most frequent with 2: P_D .55, .57, .60, .59 for 0 to 3
+    # (150 runs, random.yaml).
+    centroid_reach: ClassVar[int] = 2
 
     motion: MotionModes = field(default_factory=MotionModes)
     drift: float = setting(
@@ -99,11 +96,11 @@ class CUSUM(CellDetector):
         """Return the sum of every cell before the first frame: no path."""
         return np.full(shape, -np.inf, dtype=np.float32)
 
-    def step(
-        self, state: np.ndarray, frame: np.ndarray, rng: np.random.Generator,
-    ) -> tuple[np.ndarray, Declarations]:
+    def statistic(
+        self, state: np.ndarray, frame: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray]:
         """
-        Extend the best path into every cell, or start one there, and decide.
+        Extend the best path into every cell, or start one there.
 
         Parameters
         ----------
@@ -111,13 +108,20 @@ class CUSUM(CellDetector):
             Sum of log ratios of the best path of every cell [nat].
         frame : (..., rows, cols) ndarray
             Cell intensities.
-        rng
-            Not used; the test is deterministic.
+
+        Returns
+        -------
+        state, plane : (..., rows, cols) ndarray of float32
+            The sums after the frame, which are the statistic.
 
         """
         sums = self._extended(state, frame)
-        return sums, with_centroids(
-            self.declare(sums), sums, reach=_CENTROID_REACH, cell_size_m=self.sensor.cell_size_m)
+        return sums, sums
+
+    def bounded(self, state: np.ndarray, threshold: np.ndarray) -> np.ndarray:
+        """Return the sums with the cap of Page's test, by the threshold of each cell."""
+        cap = np.maximum(threshold, 0.0) + self.headroom
+        return np.asarray(np.minimum(state, cap), dtype=np.float32)
 
     def _extended(self, state: np.ndarray, frame: np.ndarray) -> np.ndarray:
         """Return what :func:`page_recursion` does, by compiled loops over bands of rows."""

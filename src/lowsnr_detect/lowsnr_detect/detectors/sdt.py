@@ -173,23 +173,24 @@ class SDT(CellDetector):
         self, state: Paths, frame: np.ndarray, rng: np.random.Generator,
     ) -> tuple[Paths, Declarations]:
         """Make the test of eqs. (5) to (8) in a frame (..., rows, cols); ``rng`` is not used."""
-        paths, decided, row_peaks = self._tested(state, frame)
+        paths, decided, row_peaks = self._tested(state, frame, self._bounds)
         return Paths(paths, state.frame + 1), self.declare(decided, row_peaks)
+
+    def statistic(self, state: Paths, frame: np.ndarray) -> tuple[Paths, np.ndarray]:
+        """Make the test in a frame; return the largest decided ln L_M of every cell."""
+        paths, decided, most = self._tested(state, frame, (*self._bounds[:2], -np.inf))
+        decided[np.isneginf(most)] = -np.inf
+        return Paths(paths, state.frame + 1), decided
 
     def nominal(self) -> Self:
         """Return Wald's test: th_2 for alpha and beta, truncated at equal likelihood."""
-        return replace(
-            self, threshold=0.0, upper_threshold=wald_bounds(self.alpha, self.beta)[1])
+        upper = wald_bounds(self.alpha, self.beta)[1]
+        return replace(self, threshold=0.0, upper_threshold=upper)
 
     def _tested(
-        self, state: Paths, frame: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """
-        Return what :func:`sequential_test` does, as ln L_M, by compiled loops over bands of rows.
-
-        The third array is the largest decided ln L_M of each row, (..., rows); rows of the
-        second array that do not exceed the threshold are not written.
-        """
+        self, state: Paths, frame: np.ndarray, bounds: tuple[float, float, float],
+    ) -> tuple[np.ndarray, ...]:
+        """Return what :func:`sequential_test` does, as ln L_M: rows above the last bound only."""
         plane, factor, offset = ratio_terms(self.sensor, frame)
         before, start = self._moved(state, frame.shape)
         before = before.reshape(-1, *plane.shape)
@@ -198,24 +199,22 @@ class SDT(CellDetector):
         radius, unused = 0 if self.move_prior else self.radius, self.restart == 'unused'
         in_bands(
             lambda first, last: extend_paths(
-                before, plane, factor, offset, start, radius, unused, self._bounds, first, last,
+                before, plane, factor, offset, start, radius, unused, bounds, first, last,
                 paths, decided, row_peaks),
             plane.shape[1], self.regions)
-        return (paths.reshape(state.log_ratio.shape), decided.reshape(frame.shape),
-                row_peaks.reshape(frame.shape[:-1]))
+        shapes = state.log_ratio.shape, frame.shape, frame.shape[:-1]
+        return tuple(map(np.reshape, (paths, decided, row_peaks), shapes))
 
     @functools.cached_property
     def _bounds(self) -> tuple[float, float, float]:
         """Return ln th_1, ln th_2 and ln tau, rounded for comparison in float32 [nat]."""
         lower, upper = wald_bounds(self.alpha, self.beta)[0], self.upper_threshold
-        return (
-            float(floor32(lower)), float(floor32(max(upper, self.threshold))),
-            float(floor32(self.threshold)))
+        bounds = floor32(lower), floor32(max(upper, self.threshold)), floor32(self.threshold)
+        return float(bounds[0]), float(bounds[1]), float(bounds[2])
 
     def _moved(self, state: Paths, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
         """Return the open paths after their move, and what a start adds to its path [nat]."""
-        # Note: priors of moves are not in the paper; without them the compiled loops take the
-        # maximum over the vicinity.
+        # Note: not in the paper; without it the compiled loops take the maximum of the vicinity.
         if not self.move_prior:
             return state.log_ratio, _NO_START
         model = move_model(self.motion, self.sensor, 0)
@@ -239,12 +238,12 @@ class SDT(CellDetector):
             return self.thinning_reach
         # A path may leave the object in its last frames.  At 6 dB and 1 % false alarms this holds
         # 92 % (s_m = 5) and 91 % (s_m = 8) of the crossing cells around the strongest.
-        return self.sensor.blur_reach + self.radius * min(
-            self.max_iterations - 1, 3 if self.max_iterations > 5 else 2)
+        last = min(self.max_iterations - 1, 3 if self.max_iterations > 5 else 2)
+        return self.sensor.blur_reach + self.radius * last
 
     @functools.cached_property
     def position_std_m(self) -> float:
         """Return the standard deviation of a declared position per axis [m]."""
-        # Uniform in the cell, and the distance of the cell from the object's: with s_m = 5 at 6 dB
-        # its variance is 0.40 cells^2 within 5 cells (0.12 at 9 dB; 150 runs, random.yaml).
+        # Uniform in the cell, and the distance of the cell from the object's: its variance is 0.40
+        # cells^2 within 5 cells for s_m = 5 at 6 dB (0.12 at 9 dB; 150 runs, random.yaml).
         return self.sensor.cell_size_m * math.sqrt(1.0 / 12.0 + 0.4 * (self.max_iterations > 1))

@@ -78,6 +78,11 @@ class DetectorNode(ManagedNode):
         if self._work:
             self._work.change(self.live, self.counts['in'] + 1)
 
+    def facts(self) -> dict[str, str]:
+        """Return the false-alarm probability, asked for and measured, where it is adaptive."""
+        rates = self._work.rates() if self._work else {}
+        return {f'false_alarm_prob {name}': f'{rate:.4g}' for name, rate in rates.items()}
+
     def _on_frame(self, image: Image) -> None:
         if not self.active or not self.is_new('image_raw', image.header.stamp):
             return

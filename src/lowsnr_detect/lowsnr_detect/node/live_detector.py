@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from lowsnr_common.settings.flat_values import flat_values
 from lowsnr_common.settings.node_settings import DetectionSettings
+from lowsnr_detect.adaptive.adaptive_detector import AdaptiveDetector
 from lowsnr_detect.calibration.curve import Curve
 from lowsnr_detect.calibration.operating_point import at_operating_point
 from lowsnr_detect.calibration.operating_point import curve
@@ -20,7 +21,7 @@ import numpy as np
 # The operating points at which a setting acts, where these are not all.
 _ACTS_AT = {
     'threshold': ('manual',), 'upper_threshold': ('manual', 'matched'),
-    'false_alarm_prob': ('matched',)}
+    'false_alarm_prob': ('matched', 'adaptive')}
 # What is compiled, or loaded, at its first use depends on the type of a frame, not on its size.
 _WARM_UP_SHAPE, _WARM_UP_FRAMES, _WARM_UP_TYPES = (8, 8), 3, (np.float64, np.float32)
 
@@ -62,8 +63,17 @@ class LiveDetector:
         self._memory, declared = self._detector.step(self._memory, frame, rng)
         return declared
 
+    def rates(self) -> dict[str, float]:
+        """Return the share of frames with a false alarm, asked and measured, if adaptive."""
+        working = self._detector
+        if not isinstance(working, AdaptiveDetector):
+            return {}
+        return {'asked': working.prob, 'measured': working.measured(self._memory)}
+
     def thresholds(self) -> dict[str, float]:
-        """Return the thresholds in force [nat], by name."""
+        """Return the thresholds in force [nat], by name; of adaptive ones the largest."""
+        if isinstance(self._detector, AdaptiveDetector):
+            return {'threshold': self._detector.largest(self._memory)}
         values = flat_values(self._detector)
         return {name: values[name] for name in ('threshold', 'upper_threshold') if name in values}
 
@@ -75,10 +85,12 @@ class LiveDetector:
         ------
         ValueError
             If the operating point is 'matched' and there is no calibration for the settings, in
-            this process or on disk.
+            this process or on disk, or 'adaptive' and the statistic is not one of cells.
 
         """
         detector, operating = settings
+        if operating.operating_point == 'adaptive':
+            AdaptiveDetector(detector, operating.false_alarm_prob, self.shape)
         if operating.operating_point != 'matched' or _untuned(detector) in self._curves:
             return
         if (found := known_curve(detector, self.shape, warn=self._log)) is None:
@@ -94,11 +106,12 @@ class LiveDetector:
         """
         Put other settings, which were checked, in force from the frame of a number on.
 
-        The memory is kept unless the sensor model changes: sums of log ratios for one intensity
-        have no meaning for another.
+        The memory is kept unless the sensor model changes, because sums of log ratios for one
+        intensity have no meaning for another, or thresholds become adaptive or cease to be.
         """
         detector = self._tuned(settings)
-        restarts = detector.sensor != self._detector.sensor
+        restarts = (detector.sensor, type(detector)) != (
+            self._detector.sensor, type(self._detector))
         if restarts:
             self._memory = detector.init(self.shape)
         self._detector = detector
@@ -108,18 +121,20 @@ class LiveDetector:
             f'design SNR {detector.sensor.snr_db:g} dB, memory '
             + ('starts empty' if restarts else 'kept'))
 
-    def _tuned(self, settings: Settings) -> Detector:
+    def _tuned(self, settings: Settings) -> Detector | AdaptiveDetector:
         detector, operating = settings
+        if operating.operating_point == 'adaptive':
+            return AdaptiveDetector(detector, operating.false_alarm_prob, self.shape)
         found = self._curves.get(_untuned(detector))
         return at_operating_point(self.name, detector, operating, found, self._log)
 
 
 def warm_up(detector: Detector) -> None:
-    """Run a detector on a few small blank frames, so that its compiled loops are ready."""
+    """Run a detector on a few small frames, so that its compiled loops are ready."""
     for kind in _WARM_UP_TYPES:
         state, rng = detector.init(_WARM_UP_SHAPE), np.random.default_rng(0)
         for _ in range(_WARM_UP_FRAMES):
-            state, _ = detector.step(state, np.zeros(_WARM_UP_SHAPE, dtype=kind), rng)
+            state, _ = detector.step(state, np.ones(_WARM_UP_SHAPE, dtype=kind), rng)
 
 
 def check_effect(names: Iterable[str], settings: Settings) -> None:

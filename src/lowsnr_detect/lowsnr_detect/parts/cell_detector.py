@@ -14,6 +14,7 @@ from typing import Self
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.settings.declare import check_settings
 from lowsnr_common.settings.declare import setting
+from lowsnr_detect.parts.centroids import with_centroids
 from lowsnr_detect.parts.detector import Declarations
 from lowsnr_detect.parts.thinning import declare_cells
 from lowsnr_detect.parts.wald_bounds import wald_bounds
@@ -25,11 +26,16 @@ class CellDetector:
     """
     Settings and declarations of a detector whose statistic is one plane of cells.
 
-    A subclass computes the plane in its ``step`` and passes it to :meth:`declare`.
+    A subclass computes the plane in :meth:`statistic`; one that overrides ``step`` for its speed
+    declares the same.
     """
 
     feedback: ClassVar[bool] = False
     local: ClassVar[bool] = True
+    # Cells on each side of a declaration over which its position is averaged, 0 for none.
+    centroid_reach: ClassVar[int] = 0
+    # Cells on each side within which a declaration suppresses far weaker ones.
+    shadow_reach: ClassVar[int] = 0
 
     sensor: SensorModel = field(default_factory=SensorModel)
     alpha: float = setting(
@@ -64,9 +70,50 @@ class CellDetector:
         """Return the test with Wald's upper bound for alpha and beta."""
         return replace(self, threshold=wald_bounds(self.alpha, self.beta)[1])
 
+    @property
+    def members(self) -> tuple[CellDetector, ...]:
+        """Return the detectors whose statistics are combined: itself, for all but ``auto``."""
+        return (self,)
+
+    def bounded(self, state: Any, threshold: np.ndarray) -> Any:
+        """
+        Return the memory with what depends on a threshold (..., rows, cols) of each cell [nat].
+
+        An adaptive threshold calls it before each frame; a memory without feedback is unchanged.
+        """
+        return state
+
     def init(self, shape: tuple[int, ...]) -> Any:
         """Return the memory before the first frame of shape (..., rows, cols): none."""
         return None
+
+    def statistic(self, state: Any, frame: np.ndarray) -> tuple[Any, np.ndarray]:
+        """
+        Return the memory after a frame, and the test statistic of its cells.
+
+        Parameters
+        ----------
+        state
+            Memory after the frame before.
+        frame : (..., rows, cols) ndarray
+            Cell intensities.
+
+        Returns
+        -------
+        state
+            Memory after this frame.
+        (..., rows, cols) ndarray
+            Statistic [nat]; -inf where there is none.
+
+        """
+        raise NotImplementedError
+
+    def step(
+        self, state: Any, frame: np.ndarray, rng: np.random.Generator,
+    ) -> tuple[Any, Declarations]:
+        """Declare the cells of a frame whose statistic exceeds the threshold."""
+        state, plane = self.statistic(state, frame)
+        return state, self.declare(plane)
 
     def declare(self, plane: np.ndarray, row_peaks: np.ndarray | None = None) -> Declarations:
         """
@@ -81,7 +128,12 @@ class CellDetector:
             exceed the threshold are then not read.
 
         """
-        return declare_cells(
+        declared = declare_cells(
             np.asarray(plane, dtype=np.float32), self.threshold, reach=self.suppressed_reach,
             most=self.max_detections, cell_size_m=self.sensor.cell_size_m,
-            position_std_m=self.position_std_m, row_peaks=row_peaks)
+            position_std_m=self.position_std_m, row_peaks=row_peaks,
+            shadow_reach=self.shadow_reach)
+        if self.centroid_reach == 0:
+            return declared
+        return with_centroids(
+            declared, plane, reach=self.centroid_reach, cell_size_m=self.sensor.cell_size_m)

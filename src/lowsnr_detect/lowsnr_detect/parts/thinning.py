@@ -10,10 +10,13 @@ from lowsnr_detect.parts.detector import Declarations
 from lowsnr_detect.parts.wald_bounds import floor32
 import numpy as np
 
+# Excess, relative to that of a stronger declaration, below which a cell may be in its shadow.
+_SHADOW = 0.25
+
 
 def declare_cells(
     plane: np.ndarray, threshold: float, *, reach: int, most: int, cell_size_m: float,
-    position_std_m: float, row_peaks: np.ndarray | None = None,
+    position_std_m: float, row_peaks: np.ndarray | None = None, shadow_reach: int = 0,
 ) -> Declarations:
     """
     Declare the cells of a plane above a threshold, and thin them, strongest first.
@@ -39,6 +42,9 @@ def declare_cells(
     row_peaks : (..., rows) ndarray of float32, optional
         Largest statistic of each row, where it is known; rows of the plane that do not exceed
         the threshold are then not read.
+    shadow_reach
+        Cells on each side within which a declaration suppresses others whose excess over the
+        threshold is less than a quarter of its own: memories spread a strong object that far.
 
     Returns
     -------
@@ -58,7 +64,7 @@ def declare_cells(
     row, col = np.nonzero(found > bound)
     return _thinned(
         rows[row] * plane.shape[-1] + col, found[row, col].astype(float) - threshold, plane.shape,
-        peak, reach, most, cell_size_m, position_std_m)
+        peak, reach, most, cell_size_m, position_std_m, shadow_reach)
 
 
 @functools.lru_cache(maxsize=8)
@@ -76,7 +82,7 @@ def _empty_slots(
 
 def _thinned(
     crossed: np.ndarray, excess: np.ndarray, shape: tuple[int, ...], peak: np.ndarray, reach: int,
-    most: int, cell_size_m: float, position_std_m: float,
+    most: int, cell_size_m: float, position_std_m: float, shadow_reach: int,
 ) -> Declarations:
     """Declare the strongest of the cells ``crossed`` (n,), one after the other."""
     batch, (rows, cols) = shape[:-2], shape[-2:]
@@ -94,7 +100,9 @@ def _thinned(
         score[kept, slot] = 1.0 / (1.0 + np.exp(-np.minimum(value[first], 700.0)))
         state[kept[:, None], slot, POS] = cell_size_m * np.stack([col[first], row[first]], -1)
         owner = first[np.searchsorted(kept, run)]
-        far = np.maximum(abs(row - row[owner]), abs(col - col[owner])) > reach
+        distance = np.maximum(abs(row - row[owner]), abs(col - col[owner]))
+        weak = value < _SHADOW * value[owner]
+        far = distance > np.where(weak, max(reach, shadow_reach), reach)
         run, row, col, value = run[far], row[far], col[far], value[far]
     cov = np.full((*state.shape, 4), np.nan)
     cov[score > 0.0] = _position_cov(position_std_m)

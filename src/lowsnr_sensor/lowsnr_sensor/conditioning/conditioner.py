@@ -1,115 +1,106 @@
 """
 Conditioning: from real frames to white noise of standard deviation one, plus objects.
 
-A real frame has a background, noise that differs from place to place, and single pixels hit by
-particles.  The conditioner subtracts the level of past frames, divides each pixel by its noise and
-limits it, subtracts the mean of its surroundings, bins pixels to cells, and divides each cell by
-its noise.  All steps are causal: the result depends on this frame and on past ones.
+A real frame has a background, noise that differs from place to place, changes of level and gain,
+stripes, and single pixels hit by particles; and the camera may move.  The conditioner finds where
+the frame lies in the scene and what changed in it as a whole, subtracts the level of each pixel,
+divides by its noise and limits it, applies a matched filter, bins pixels to cells, subtracts the
+mean of their surroundings, and divides each cell by its noise.  It keeps no past frames but the
+last: level and noise are recursive.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from dataclasses import replace
 import math
+from typing import Any
 
 from lowsnr_common.core.records import Malformed
 from lowsnr_common.settings.declare import check_settings
 from lowsnr_common.settings.declare import setting
-from lowsnr_sensor.conditioning.background import binned
-from lowsnr_sensor.conditioning.background import box_mean
-from lowsnr_sensor.conditioning.background import flattened
-from lowsnr_sensor.conditioning.background import frame_scale
-from lowsnr_sensor.conditioning.background import limited_square
-from lowsnr_sensor.conditioning.background import past_level
-from lowsnr_sensor.conditioning.background import past_median
-from lowsnr_sensor.conditioning.background import steepness
+from lowsnr_sensor.conditioning import compiled_steps as steps
+from lowsnr_sensor.conditioning.cells import taps
+from lowsnr_sensor.conditioning.frame_change import with_stripes
+from lowsnr_sensor.conditioning.frame_fit import fit_frame
+from lowsnr_sensor.conditioning.frame_fit import FrameFit
+from lowsnr_sensor.conditioning.frame_fit import with_noise
+from lowsnr_sensor.conditioning.frame_fit import without_content
+from lowsnr_sensor.conditioning.pixels import blocks_of
+from lowsnr_sensor.conditioning.pixels import Limits
+from lowsnr_sensor.conditioning.pixels import Planes
+from lowsnr_sensor.conditioning.pixels import surroundings
+from lowsnr_sensor.conditioning.pixels import UNOBSERVED
+from lowsnr_sensor.conditioning.scene import follow
+from lowsnr_sensor.conditioning.scene import from_image
+from lowsnr_sensor.conditioning.scene import to_image
+from lowsnr_sensor.conditioning.state import Conditioned
+from lowsnr_sensor.conditioning.state import ConditionerState
 import numpy as np
 
-# The least noise, so that a frame without noise is not divided by zero.
-_MIN_NOISE = 1e-12
-# The least noise of a cell: where the noise of pixels is at its floor, the cells must not undo it.
-_MIN_CELL_NOISE = 0.8
-# Iterations in which the first estimate of the noise becomes local.
-_FIRST_ROUNDS = 4
-
-
-@dataclass(frozen=True)
-class ConditionerState:
-    """
-    What the conditioner carries from frame to frame.
-
-    Parameters
-    ----------
-    history : (n, ..., rows, cols) ndarray
-        Past frames, the newest last.
-    frames
-        Number of frames so far.
-    pixel_noise : (..., rows, cols) ndarray
-        Noise of a pixel, in units of the frame; None before the first estimate.
-    cell_noise : (..., rows // binning, cols // binning) ndarray
-        Noise of a cell, in units of that from white noise of its pixels; None likewise.
-    trace : (..., rows // binning, cols // binning) ndarray
-        Exponentially weighted sum of past cells.
-    trace_variance
-        Variance of that sum for white noise.
-
-    """
-
-    history: np.ndarray
-    frames: int = 0
-    pixel_noise: np.ndarray | None = None
-    cell_noise: np.ndarray | None = None
-    trace: np.ndarray | float = 0.0
-    trace_variance: float = 0.0
+# Limit of the update of the level [standard deviations].
+_LEVEL_LIMIT = 2.0
+# The least variance of a cell: where the noise of pixels is at its floor, the cells keep to it.
+_LEAST_CELL_VARIANCE = 0.64
+# Frames without content after which they are taken for another scene.
+_MOST_REJECTED = 8
 
 
 @dataclass(frozen=True, kw_only=True)
 class ConditioningSettings:
-    """Settings of the conditioner."""
+    """Settings of the conditioner, which is the pair of ``init`` and ``step``."""
 
     background_frames: int = setting(
-        31, 'past frames that make the background; an object must leave its place within half '
-        'of them', ge=1, le=1000)
-    warm_up_frames: int = setting(
-        5, 'frames that the background needs before the node publishes more than zeros',
-        ge=1, le=1000)
-    smoothing_reach: int = setting(
-        7, 'pixels on each side of the mean that is subtracted, 0 for none', ge=0, le=500)
-    limit: float = setting(
-        3.5, 'limit of a pixel before binning [standard deviations]', gt=0.0)
-    binning: int = setting(2, 'pixels along each side of a cell', choices=(1, 2))
-    noise_reach: int = setting(
-        7, 'pixels, and cells, on each side over which the noise is estimated', ge=1, le=500)
+        32, 'frames over which the level of a pixel is estimated; an object must leave its place '
+        'within about a third of them', ge=2, le=1000)
     noise_frames: int = setting(
-        100, 'frames over which the noise is estimated', ge=1, le=100_000)
+        100, 'frames over which the noise is estimated', ge=2, le=100_000)
+    warm_up_frames: int = setting(
+        5, 'frames that a pixel must have been seen in before it counts', ge=1, le=100)
+    psf_px: float = setting(
+        0.8, 'standard deviation of the point spread of an object [pixels]', gt=0.0, le=10.0)
+    binning: int = setting(2, 'pixels along each side of a cell', choices=(1, 2))
+    limit: float = setting(
+        8.0, 'limit of a pixel before the matched filter [standard deviations]', gt=0.0)
+    smoothing_reach: int = setting(
+        8, 'pixels on each side of the mean that is subtracted, 0 for none', ge=0, le=500)
     noise_floor: float = setting(
-        3.0, 'least standard deviation of the noise of a pixel, in steps of an integer encoding; '
+        0.3, 'least standard deviation of the noise of a pixel, in steps of an integer encoding; '
         'a float encoding has no floor', ge=0.0)
+    codec_floor: float = setting(
+        2.5, 'the same in compressed video, whose codec leaves patterns', ge=0.0)
     jitter_px: float = setting(
-        0.2, 'jitter of the camera, which adds noise to edges of the background [pixels]',
+        0.2, 'error of the registration, which adds noise to edges of the background [pixels]',
         ge=0.0, le=10.0)
     persistence: float = setting(
         0.5, 'weight from frame to frame in the sum of cells that the noise of cells is estimated '
         'from; noise that stays in place counts for more than white noise', ge=0.0, lt=1.0)
+    registration: bool = setting(
+        True, 'whether the motion of the camera is followed')
+    slack_px: int = setting(
+        16, 'pixels by which the image may leave the cells of the scene before these follow',
+        ge=8, le=1024)
 
     def __post_init__(self) -> None:
         check_settings(self)
-        if self.warm_up_frames > self.background_frames:
-            raise ValueError(
-                f'ConditioningSettings.warm_up_frames = {self.warm_up_frames}, must be at most '
-                f'background_frames = {self.background_frames}')
 
     def cells(self, pixels: np.ndarray) -> np.ndarray:
         """Convert positions from pixels to cells; the centres of both are whole numbers."""
         return (pixels - (self.binning - 1) / 2.0) / self.binning
 
+    def pixels(self, cells: np.ndarray, output: Conditioned) -> np.ndarray:
+        """Convert positions x, y from cells of an output to pixels of its image, (..., 2)."""
+        scene = np.asarray(cells) + output.origin[::-1]
+        pixels: np.ndarray = scene * self.binning + (self.binning - 1) / 2.0 + output.to_image
+        return pixels
+
     def size(self, shape: tuple[int, ...]) -> tuple[int, int]:
-        """Return rows and columns of the cells for frames of shape (..., rows, cols)."""
+        """Return rows and columns of the cells for frames of shape (rows, cols)."""
         return shape[-2] // self.binning, shape[-1] // self.binning
 
-    def init(self, shape: tuple[int, ...]) -> ConditionerState:
+    def init(self, shape: tuple[int, int]) -> ConditionerState:
         """
-        Return the state before the first frame of shape (..., rows, cols).
+        Return the state before the first frame of shape (rows, cols).
 
         Raises
         ------
@@ -117,14 +108,18 @@ class ConditioningSettings:
             If the frames are too small for binning; the reason is ``too small``.
 
         """
-        if 0 in self.size(shape):
+        size = self.size(shape)
+        if 0 in size:
             raise Malformed(
                 'too small', f'frame of {shape[-1]} x {shape[-2]} pixels is too small')
-        return ConditionerState(np.empty((0, *shape), dtype=np.float32))
+        return ConditionerState(
+            shape=(shape[0], shape[1]), planes=None,
+            local=np.zeros(blocks_of(shape), np.float32), previous=np.zeros(shape, np.float32),
+            trace=np.zeros(size, np.float32), cell_variance=np.ones(blocks_of(size), np.float32))
 
     def step(
         self, state: ConditionerState, frame: np.ndarray,
-    ) -> tuple[ConditionerState, np.ndarray]:
+    ) -> tuple[ConditionerState, Conditioned]:
         """
         Condition a frame.
 
@@ -132,16 +127,15 @@ class ConditioningSettings:
         ----------
         state
             State after the frame before.
-        frame : (..., rows, cols) ndarray
-            Pixels as recorded; leading axes are independent sequences.
+        frame : (rows, cols) ndarray
+            Pixels as recorded; NaN and values beyond 1e30 are not observed.
 
         Returns
         -------
         ConditionerState
             State after this frame.
-        (..., rows // binning, cols // binning) ndarray of float32
-            Cells in standard deviations of their noise; zeros, in which detectors find nothing,
-            until the background is known.
+        Conditioned
+            The conditioned frame.
 
         Raises
         ------
@@ -149,57 +143,87 @@ class ConditioningSettings:
             If the size differs from that of the frames before; the reason is ``change of size``.
 
         """
-        past = state.history
-        if frame.shape != past.shape[1:]:
-            (rows, cols), (height, width) = frame.shape[-2:], past.shape[-2:]
+        if frame.shape != state.shape:
+            (rows, cols), (height, width) = frame.shape, state.shape
             raise Malformed(
                 'change of size',
                 f'frame of {cols} x {rows} pixels after frames of {width} x {height}')
-        newest = np.asarray(frame, dtype=np.float32)[None]
-        history = np.concatenate([past[max(0, len(past) + 1 - self.background_frames):], newest])
-        if len(past) == 0:
-            return ConditionerState(history, 1), self._zeros(frame)
-        gain = 1.0 / min(state.frames, self.noise_frames)
-        whitened, pixel_noise = self._whitened(state, frame, gain)
-        cells = binned(flattened(whitened, self.smoothing_reach), self.binning)
-        trace = self.persistence * state.trace + cells
-        variance = self.persistence**2 * state.trace_variance + 1.0
-        cell_noise = self._noise(
-            trace / math.sqrt(variance), state.cell_noise, gain, _MIN_CELL_NOISE)
-        output = cells / cell_noise if len(past) >= self.warm_up_frames else self._zeros(frame)
-        return ConditionerState(
-            history, state.frames + 1, pixel_noise, cell_noise, trace, variance,
-        ), output.astype(np.float32)
+        values = np.ascontiguousarray(frame, dtype=np.float32)
+        event = without_content(state, frame, values)
+        if event == 'flat' and state.rejected >= _MOST_REJECTED:
+            return self._start(state, values, 'cut')
+        if event:
+            return replace(state, rejected=state.rejected + 1), self._output(
+                state, self._zeros(state), event=event)
+        if state.planes is None:
+            return self._start(state, values, 'start')
+        fit = fit_frame(self, state, values, np.issubdtype(frame.dtype, np.integer))
+        if fit.cut:
+            return self._start(state, values, 'cut')
+        return self._followed(state, values, fit)
 
-    def _zeros(self, frame: np.ndarray) -> np.ndarray:
-        return np.zeros((*frame.shape[:-2], *self.size(frame.shape)), dtype=np.float32)
+    def _start(
+        self, state: ConditionerState, values: np.ndarray, event: str,
+    ) -> tuple[ConditionerState, Conditioned]:
+        """Start from a frame."""
+        known = abs(values) < UNOBSERVED
+        level = np.where(known, values, np.median(values[known])).astype(np.float32)
+        started = replace(
+            self.init(state.shape), previous=values, frames=1, codec=state.codec,
+            planes=Planes(level, np.zeros_like(level), known.astype(np.float32)))
+        return started, self._output(started, self._zeros(started), event=event)
+
+    def _followed(
+        self, state: ConditionerState, values: np.ndarray, fit: FrameFit,
+    ) -> tuple[ConditionerState, Conditioned]:
+        """Condition a frame whose place in the scene and whose change are known."""
+        state, shift = follow(state, fit, self.slack_px, self.binning)
+        limits = Limits(
+            self.background_frames, self.noise_frames, self.warm_up_frames, _LEVEL_LIMIT,
+            self.limit, fit.floor**2, self.jitter_px)
+        before, corner = to_image(state)
+        noise = math.sqrt(max(float(np.median(state.local)), fit.floor**2))
+        change = with_stripes(fit.change, values, before, noise, steps.stripe_sums)
+        change, activity = with_noise(state, fit, change)
+        after, deviations = steps.update(values, before, state.local, corner, change, limits)
+        planes = from_image(state, before, after, change)
+        local = surroundings(*steps.block_sums(planes, state.local), state.local)
+        rows, cols = (
+            taps(size, count, self.binning, self.psf_px, place)
+            for size, count, place in zip(state.shape, state.trace.shape, state.position))
+        cells = steps.flattened(
+            steps.filtered(deviations, rows, cols), self.smoothing_reach // self.binning)
+        state = replace(
+            state, planes=planes, local=local, previous=values, frames=state.frames + 1,
+            rejected=0, activity=activity)
+        state, cells = self._whitened(state, cells)
+        return state, self._output(
+            state, cells, shift=shift, gain=fit.change.gain, offset=fit.change.offset,
+            noise_floor=fit.floor)
 
     def _whitened(
-        self, state: ConditionerState, frame: np.ndarray, gain: float,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return limited pixels in units of their noise, and the noise without jitter."""
-        floor = self.noise_floor if np.issubdtype(frame.dtype, np.integer) else 0.0
-        floor = max(floor, _MIN_NOISE)
-        median = past_median(state.history)
-        jitter = self.jitter_px * steepness(median)
-        noise = state.pixel_noise
-        if noise is None:
-            noise = np.maximum(frame_scale(frame - median), floor)
-        level = past_level(state.history, median, np.hypot(noise, jitter))
-        residual = (frame - level) / math.sqrt(1.0 + 1.0 / len(state.history))
-        noise = self._noise(residual, state.pixel_noise, gain, floor, jitter)
-        return np.clip(residual / np.hypot(noise, jitter), -self.limit, self.limit), noise
+        self, state: ConditionerState, flat: np.ndarray,
+    ) -> tuple[ConditionerState, np.ndarray]:
+        """Divide cells by their noise, and estimate it anew."""
+        unit = self.persistence**2 * state.trace_variance + 1.0
+        cells, trace, total, count = steps.cell_noise(
+            flat, state.trace, self.persistence, unit, state.cell_variance)
+        if not count.any():
+            return state, cells
+        frames = state.cell_frames + 1
+        share = np.float32(1.0 / min(frames, self.noise_frames))
+        now = surroundings(total, count, state.cell_variance)
+        variance = np.maximum(
+            state.cell_variance + share * (now - state.cell_variance),
+            np.float32(_LEAST_CELL_VARIANCE))
+        return replace(
+            state, trace=trace, trace_variance=unit, cell_variance=variance, cell_frames=frames,
+        ), cells
 
-    def _noise(
-        self, residual: np.ndarray, noise: np.ndarray | None, gain: float, floor: float,
-        jitter: np.ndarray | float = 0.0,
-    ) -> np.ndarray:
-        """Return the noise after a frame, estimated over the surroundings and past frames."""
-        rounds = 1
-        if noise is None:
-            noise, rounds = np.maximum(frame_scale(residual), floor), _FIRST_ROUNDS
-        for _ in range(rounds):
-            squares = noise**2 * limited_square(residual / np.hypot(noise, jitter))
-            now = box_mean(squares, self.noise_reach)
-            noise = np.maximum(np.sqrt((1.0 - gain) * noise**2 + gain * now), floor)
-        return noise
+    def _zeros(self, state: ConditionerState) -> np.ndarray:
+        return np.zeros(state.trace.shape, dtype=np.float32)
+
+    def _output(self, state: ConditionerState, cells: np.ndarray, **facts: Any) -> Conditioned:
+        row, col = (
+            place + self.binning * start for place, start in zip(state.position, state.origin))
+        return Conditioned(cells, origin=state.origin, to_image=(-col, -row), **facts)

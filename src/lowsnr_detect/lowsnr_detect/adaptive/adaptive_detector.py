@@ -1,0 +1,154 @@
+"""
+Detectors with adaptive thresholds: from the sequence itself instead of from simulations.
+
+A detector starts at once: before its first frame only the local maxima of its statistic in a few
+small frames of white noise are looked at, which the thresholds begin with and are shrunk towards.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from dataclasses import replace
+import functools
+import math
+from typing import Any
+from typing import cast
+
+from lowsnr_common.core.measurement import SensorModel
+from lowsnr_common.core.streams import stream
+from lowsnr_detect.adaptive.adaptive_threshold import AdaptiveThreshold
+from lowsnr_detect.adaptive.adaptive_threshold import LEVEL
+from lowsnr_detect.adaptive.local_maxima import local_maxima
+from lowsnr_detect.adaptive.pareto_tail import EDGES
+from lowsnr_detect.adaptive.pareto_tail import START
+from lowsnr_detect.adaptive.tail_memory import TailMemory
+from lowsnr_detect.adaptive.tail_memory import WhiteTail
+from lowsnr_detect.parts.cell_detector import CellDetector
+from lowsnr_detect.parts.detector import Declarations
+from lowsnr_detect.parts.detector import Detector
+import numpy as np
+
+# White noise: some 15,000 maxima, after the statistic has settled.
+_RUNS, _SIDE, _SETTLING, _FRAMES = 4, 64, 12, 48
+# The threshold that acts on a memory, beside ``CellDetector.bounded``: no path is more evident, so
+# that what moves as a whole, as when a camera turns, is soon forgotten [nat].
+_OUT_OF_REACH = 100.0
+
+
+@functools.lru_cache(maxsize=32)
+def white_tail(detector: CellDetector) -> WhiteTail:
+    """Return the tail of the local maxima of a detector's statistic in white noise."""
+    rng, shape = stream(0, 'calibration'), (_RUNS, _SIDE, _SIDE)
+    state, values = detector.init(shape), []
+    for number in range(_SETTLING + _FRAMES):
+        noise = detector.sensor.noise_std * rng.standard_normal(shape)
+        state, planes = detector.statistic(state, noise)
+        if number >= _SETTLING:
+            values += [local_maxima(np.ascontiguousarray(plane, np.float32), _reach(detector))[2]
+                       for plane in planes]
+    maxima = np.concatenate(values).astype(float)
+    low, high = np.quantile(maxima, (LEVEL, (1.0 + LEVEL) / 2.0))
+    scale = float(high - low) / math.log(2.0)
+    excess = (maxima - low) / scale
+    counts = np.histogram(excess[excess > START], EDGES)[0].astype(float)
+    return WhiteTail(
+        float(low), scale, len(maxima) / (_RUNS * _FRAMES * _SIDE**2),
+        float(counts.sum() / len(maxima)), tuple(counts.tolist()))
+
+
+def _reach(detector: CellDetector) -> int:
+    return max(detector.suppressed_reach, 1)
+
+
+@dataclass(frozen=True)
+class AdaptiveMemory:
+    """The memories of the members, and what they know of their tails."""
+
+    members: tuple[Any, ...]
+    tails: tuple[TailMemory, ...]
+
+
+@dataclass(frozen=True)
+class AdaptiveDetector:
+    """
+    A detector whose threshold in each cell comes from the earlier frames.
+
+    Parameters
+    ----------
+    detector
+        Detector with a statistic of every cell; its own threshold does not matter.
+    prob
+        Wanted share of empty frames with a declaration; members of ``detector`` share it.
+    shape
+        Rows and columns.
+
+    Raises
+    ------
+    ValueError
+        If the detector has no statistic of every cell.
+
+    """
+
+    detector: Detector
+    prob: float
+    shape: tuple[int, int]
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.detector, CellDetector):
+            raise ValueError(
+                f'{type(self.detector).__name__} has no statistic of every cell, which '
+                "operating_point 'adaptive' needs; set it to 'matched', or take another detector")
+
+    @functools.cached_property
+    def members(self) -> tuple[CellDetector, ...]:
+        """Return the detectors whose statistics are compared."""
+        return cast(CellDetector, replace(self.detector, threshold=_OUT_OF_REACH)).members
+
+    @functools.cached_property
+    def tails(self) -> tuple[AdaptiveThreshold, ...]:
+        """Return the threshold of each member, which begins with that in white noise."""
+        prob = -math.expm1(math.log1p(-self.prob) / len(self.members))
+        return tuple(
+            AdaptiveThreshold(
+                prob, white_tail(member), self.shape, _reach(member),
+                member.frames_per_declaration)
+            for member in self.members)
+
+    @property
+    def sensor(self) -> SensorModel:
+        """Return the sensor model of the detector."""
+        return self.detector.sensor
+
+    def init(self, shape: tuple[int, ...]) -> AdaptiveMemory:
+        """Return the memory before the first frame of shape (..., rows, cols)."""
+        return AdaptiveMemory(
+            tuple(member.init(shape) for member in self.members),
+            tuple(tail.init(math.prod(shape[:-2])) for tail in self.tails))
+
+    def step(
+        self, state: AdaptiveMemory, frame: np.ndarray, rng: np.random.Generator,
+    ) -> tuple[AdaptiveMemory, Declarations]:
+        """Advance by a frame (..., rows, cols); ``rng`` is not used."""
+        memories, tails, odds = [], [], []
+        for member, memory, threshold, tail in zip(
+                self.members, state.members, self.tails, state.tails, strict=True):
+            bound = threshold.thresholds(tail)[0].reshape(frame.shape)
+            memory, plane = member.statistic(member.bounded(memory, bound), frame)
+            tail, compared = threshold.step(tail, plane.reshape(-1, *self.shape))
+            memories.append(memory)
+            tails.append(tail)
+            odds.append(compared.reshape(frame.shape))
+        largest = np.maximum.reduce(odds)
+        at_zero = cast(CellDetector, replace(self.detector, threshold=0.0))
+        return AdaptiveMemory(tuple(memories), tuple(tails)), at_zero.declare(largest)
+
+    def measured(self, state: AdaptiveMemory) -> float:
+        """Return the share of the frames with a declaration that continues none before it."""
+        shares = [threshold.measured(tail) for threshold, tail in zip(
+            self.tails, state.tails, strict=True)]
+        return float(np.minimum(np.sum(shares, axis=0), 1.0).mean())
+
+    def largest(self, state: AdaptiveMemory) -> float:
+        """Return the largest threshold of the next frame, over cells and members [nat]."""
+        return max(float(threshold.thresholds(tail)[0].max()) for threshold, tail in zip(
+            self.tails, state.tails, strict=True))

@@ -1,0 +1,35 @@
+"""Maps of regions of a frame: pooled over neighbours, quantiles, and from regions to cells."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+
+
+def pooled(counts: np.ndarray) -> np.ndarray:
+    """Add half the counts of the regions beside each, and a quarter of those at its corners."""
+    for axis in (1, 2):
+        source = np.moveaxis(counts, axis, 0)
+        summed = source.copy()
+        summed[1:] += 0.5 * source[:-1]
+        summed[:-1] += 0.5 * source[1:]
+        counts = np.moveaxis(summed, 0, axis)
+    return counts
+
+
+def bin_quantile(counts: np.ndarray, part: float) -> np.ndarray:
+    """Return the quantile of each histogram (..., bins), in bins from the first edge."""
+    summed = np.cumsum(counts, axis=-1)
+    wanted = np.maximum(part * summed[..., -1:], 1e-9)
+    number = np.argmax(summed >= wanted, axis=-1)[..., None]
+    inside = np.maximum(np.take_along_axis(counts, number, -1), 1e-9)
+    left = (np.take_along_axis(summed, number, -1) - wanted) / inside
+    return np.asarray((number + 1.0 - np.clip(left, 0.0, 1.0))[..., 0])
+
+
+@functools.lru_cache(maxsize=64)
+def interpolation(size: int, regions: int) -> np.ndarray:
+    """Return the weights (size, regions) that interpolate between the centres of regions."""
+    place = np.clip((np.arange(size) + 0.5) * regions / size - 0.5, 0.0, regions - 1.0)
+    return np.asarray(np.maximum(1.0 - abs(place[:, None] - np.arange(regions)), 0.0))

@@ -1,0 +1,165 @@
+"""
+BANK: shift and add along constant velocities, what moves against what stands in place.
+
+For each of V velocities v, in cells a frame, the frames are added along its motion; with the
+fading f and with d_k = round(k v) - round((k - 1) v), the whole cells that it moves by in frame k,
+and z limited to ``limit`` sigma ::
+
+    S_k^v(c) = f S_{k-1}^v(c - d_k) + z_k(c) / sigma                          (shift and add)
+    D_k^v(c) = S_k^v(c) - g S_k^0(c),      u_k(c) = max over v of D_k^v(c) / std D_k^v
+
+g is the weight of what stands in place: an edge or a pixel that stays above its background adds
+to S^0 as to every slow S^v, and takes itself out.  u is normal for white noise of each velocity,
+and ``u^2 / 2`` (u > 0) is the log-likelihood ratio of an object of unknown intensity, maximised
+over the intensity; the statistic therefore does not depend on a design SNR.  Objects slower than
+about a tenth of a cell a frame take themselves out: a path test (SDT, CUSUM) finds those.
+
+The velocities are the points of a square grid in a disc.  Shifts are whole cells, so that
+nothing is interpolated and the noise stays white.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import functools
+from typing import ClassVar
+
+from lowsnr_common.settings.declare import setting
+from lowsnr_detect.parts.bands import in_bands
+from lowsnr_detect.parts.bank_kernels import extend_bank
+from lowsnr_detect.parts.cell_detector import CellDetector
+from lowsnr_detect.parts.detector import CORRELATED_FRAMES
+from lowsnr_detect.parts.moves import shifted
+from lowsnr_detect.parts.registry import register
+import numpy as np
+
+# Older frames weigh less than f^k < 1e-4 of the newest in the variance of a sum.
+_LEAST_WEIGHT = 1e-4
+
+
+@functools.cache
+def velocity_grid(fastest: float, rings: int) -> np.ndarray:
+    """
+    Return the velocities (V, 2) in rows and columns a frame, slowest first, so zero first.
+
+    They are the points with spacing ``fastest / rings`` of a disc: 49 for four rings.
+    """
+    axis = np.arange(-rings, rings + 1)
+    points = np.stack(np.meshgrid(axis, axis, indexing='ij'), -1).reshape(-1, 2)
+    square = np.sum(points**2, axis=1)
+    order = np.argsort(square, kind='stable')
+    return np.asarray(points[order[square[order] <= rings**2]] * (fastest / rings))
+
+
+def places(velocity: np.ndarray, frame: int) -> np.ndarray:
+    """Return round(k v), (V, 2) of int, for frame number k."""
+    return np.floor(velocity * frame + 0.5).astype(np.intp)
+
+
+def shift_and_add(
+    sums: np.ndarray, frame: np.ndarray, moves: np.ndarray, std: np.ndarray, fading: float,
+    standing: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return S_k of every velocity and u_k: the definition, in NumPy.
+
+    Parameters
+    ----------
+    sums : (V, ..., rows, cols) ndarray
+        S_{k-1}; the first velocity is zero.
+    frame : (..., rows, cols) ndarray
+        z_k / sigma, limited.
+    moves : (V, 2) ndarray of int
+        d_k of each velocity.
+    std : (V,) ndarray
+        Standard deviation of D_k for white noise.
+    fading, standing
+        f and g.
+
+    """
+    moved = np.stack([shifted(each, move, 0.0) for each, move in zip(sums, moves, strict=True)])
+    S = fading * moved + frame
+    D = S - standing * S[0]
+    u = np.max([d / s for d, s in zip(D[1:], std[1:], strict=True)], axis=0)
+    return S, u
+
+
+@dataclass(frozen=True)
+class BankSums:
+    """S_k, (V, ..., rows, cols) of float32, and the number k of frames that are not blank."""
+
+    sums: np.ndarray
+    frame: int
+
+
+@register('bank')
+@dataclass(frozen=True, kw_only=True)
+class VelocityBank(CellDetector):
+    """Declare the cells with ``u_k^2 / 2`` above the threshold."""
+
+    centroid_reach: ClassVar[int] = 2
+    # A sum keeps half of its excess for four frames, in which a path departs by twice its speed.
+    shadow_reach: ClassVar[int] = 8
+
+    fastest: float = setting(
+        1.5, 'speed of the fastest velocity [cells a frame]', gt=0.0, le=16.0)
+    rings: int = setting(
+        4, 'speeds along each axis: 1, 2, 3, 4 rings are 5, 13, 29, 49 velocities', ge=1, le=12)
+    fading: float = setting(
+        0.85, 'f, the weight of a sum from a frame to the next', ge=0.0, lt=1.0)
+    standing: float = setting(
+        0.5, 'g, the share that is subtracted of what stands in place', ge=0.0, lt=1.0)
+    limit: float = setting(
+        8.0, 'limit of the magnitude of a cell [standard deviations]', gt=0.0)
+    thinning_reach: int = setting(
+        3, 'cells on each side that a stronger declaration suppresses', ge=0, le=50)
+    regions: int = setting(
+        1, 'sub-regions of the frame that are processed in parallel; the result is the same',
+        ge=1, le=64)
+
+    @property
+    def frames_per_declaration(self) -> int:
+        """Return the number of frames over which errors of declarations are correlated."""
+        return CORRELATED_FRAMES
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """Return the velocities, (V, 2) in rows and columns a frame, the first of them zero."""
+        return velocity_grid(self.fastest, self.rings)
+
+    def init(self, shape: tuple[int, ...]) -> BankSums:
+        """Return the sums before the first frame of shape (..., rows, cols)."""
+        return BankSums(np.zeros((len(self.velocity), *shape), np.float32), 0)
+
+    def statistic(
+        self, state: BankSums, frame: np.ndarray,
+    ) -> tuple[BankSums, np.ndarray]:
+        """Return the memory after a frame and ``u^2 / 2`` of every cell [nat]."""
+        number = state.frame + 1
+        if number == 1 and not frame.any():
+            return state, np.zeros(frame.shape, np.float32)
+        z = np.clip(frame / self.sensor.noise_std, -self.limit, self.limit)
+        plane = np.ascontiguousarray(z, np.float32).reshape(-1, *frame.shape[-2:])
+        before = state.sums.reshape(-1, *plane.shape)
+        sums, best = np.empty_like(before), np.empty_like(plane)
+        moves = places(self.velocity, number) - places(self.velocity, number - 1)
+        scale = (1.0 / self.std(number)).astype(np.float32)
+        in_bands(
+            lambda first, last: extend_bank(
+                before, plane, moves, scale, np.float32(self.fading), np.float32(self.standing),
+                first, last, sums, best),
+            plane.shape[1], self.regions)
+        np.maximum(best, np.float32(0.0), out=best)
+        best *= best * np.float32(0.5)
+        return BankSums(sums.reshape(state.sums.shape), number), best.reshape(frame.shape)
+
+    def std(self, frame: int) -> np.ndarray:
+        """Return the standard deviation of D_k for white noise, (V,), in frame number k."""
+        oldest = 0 if self.fading == 0.0 else int(np.log(_LEAST_WEIGHT) / np.log(self.fading))
+        back = np.arange(min(frame, oldest + 1))
+        here = places(self.velocity, frame)
+        stays = np.array([
+            np.all(places(self.velocity, frame - int(j)) == here, axis=1) for j in back])
+        # A frame in which the path is where the object would stand counts 1 - g, any other both.
+        square = np.where(stays, (1.0 - self.standing)**2, 1.0 + self.standing**2)
+        return np.asarray(np.sqrt(np.sum(self.fading**(2 * back)[:, None] * square, axis=0)))

@@ -1,0 +1,170 @@
+"""
+Compiled loops over cells, in float32; C-contiguous planes of (rows, cols).
+
+Their definitions in NumPy are in :mod:`lowsnr_sensor.conditioning.cells`; tests hold the loops
+equal to them.
+"""
+
+from __future__ import annotations
+
+from lowsnr_common.core.compiled import compiled
+import numpy as np
+
+_ONE, _ZERO = np.float32(1.0), np.float32(0.0)
+
+
+@compiled
+def filter_pixels(
+    values: np.ndarray, row_weights: np.ndarray, row_start: int, row_scale: np.ndarray,
+    col_weights: np.ndarray, col_start: int, col_scale: np.ndarray, stride: int,
+    limits: np.ndarray, cells: np.ndarray,
+) -> None:
+    """Limit single pixels, and write the cells of the matched filter; ``limits`` (3,)."""
+    rows, cols = values.shape
+    taps, ring = len(row_weights), np.zeros((len(row_weights), cols), dtype=np.float32)
+    left = max(-col_start, 0)
+    size = left + abs(col_start) + max(cols, stride * cells.shape[1]) + len(col_weights)
+    line = np.empty(size, dtype=np.float32)
+    done = -1
+    for cell in range(cells.shape[0]):
+        first = row_start + stride * cell
+        line[:] = _ZERO
+        here = line[left:left + cols]
+        for tap in range(taps):
+            row = first + tap
+            if row < 0 or row >= rows:
+                continue
+            if row > done:
+                _limit_single(values, row, limits, ring[row % taps])
+                done = row
+            weight, source = row_weights[tap] * row_scale[cell], ring[row % taps]
+            for col in range(cols):
+                here[col] += weight * source[col]
+        _gather(line, left + col_start, stride, col_weights, col_scale, cells[cell])
+
+
+@compiled
+def _limit_single(values: np.ndarray, row: int, limits: np.ndarray, out: np.ndarray) -> None:
+    """Limit the pixels of a row that no neighbour follows."""
+    rows, cols = values.shape
+    single, neighbour, slope = limits[0], limits[1], limits[2]
+    here = values[row]
+    for col in range(cols):
+        out[col] = _ZERO
+    if row > 0:
+        above = values[row - 1]
+        for col in range(cols):
+            out[col] = above[col] if above[col] > out[col] else out[col]
+    if row + 1 < rows:
+        below = values[row + 1]
+        for col in range(cols):
+            out[col] = below[col] if below[col] > out[col] else out[col]
+    for col in range(cols - 1):
+        out[col] = here[col + 1] if here[col + 1] > out[col] else out[col]
+    for col in range(1, cols):
+        out[col] = here[col - 1] if here[col - 1] > out[col] else out[col]
+    for col in range(cols):
+        over = out[col] - neighbour
+        most = single + slope * (over if over > _ZERO else _ZERO)
+        out[col] = here[col] if here[col] < most else most
+
+
+@compiled
+def _gather(
+    line: np.ndarray, start: int, stride: int, weights: np.ndarray, scale: np.ndarray,
+    cells: np.ndarray,
+) -> None:
+    """Write the weighted sums of a row; ``line`` has zeros beyond its pixels."""
+    cells[:] = _ZERO
+    for tap in range(len(weights)):
+        weight = weights[tap]
+        if stride == 1:
+            source = line[start + tap:start + tap + len(cells)]
+            for cell in range(len(cells)):
+                cells[cell] += weight * source[cell]
+        else:
+            for cell in range(len(cells)):
+                cells[cell] += weight * line[start + tap + 2 * cell]
+    for cell in range(len(cells)):
+        cells[cell] *= scale[cell]
+
+
+@compiled
+def flatten(cells: np.ndarray, reach: int, flat: np.ndarray) -> None:
+    """Write the cells less the mean of their surroundings, at unit noise for white noise."""
+    rows, cols = cells.shape
+    sums, wide = np.zeros(cols, dtype=np.float32), np.empty(cols, dtype=np.float32)
+    numbers = np.empty(cols, dtype=np.float32)
+    for col in range(cols):
+        numbers[col] = min(col + reach, cols - 1) - max(col - reach, 0) + 1
+    for row in range(min(reach, rows)):
+        for col in range(cols):
+            sums[col] += cells[row, col]
+    for row in range(rows):
+        if row + reach < rows:
+            new = cells[row + reach]
+            for col in range(cols):
+                sums[col] += new[col]
+        if row - reach - 1 >= 0:
+            old = cells[row - reach - 1]
+            for col in range(cols):
+                sums[col] -= old[col]
+        _running(sums, reach, wide)
+        high = np.float32(min(row + reach, rows - 1) - max(row - reach, 0) + 1)
+        here, out = cells[row], flat[row]
+        for col in range(cols):
+            count = high * numbers[col]
+            share = _ONE - _ONE / count
+            rest = (here[col] - wide[col] / count) / np.sqrt(share if share > _ZERO else _ONE)
+            out[col] = rest if here[col] != _ZERO else _ZERO
+
+
+@compiled
+def _running(sums: np.ndarray, reach: int, wide: np.ndarray) -> None:
+    """Write the sums within ``reach`` along a row."""
+    cols = len(sums)
+    total = np.float64(0.0)
+    for col in range(min(reach, cols)):
+        total += sums[col]
+    for col in range(cols):
+        if col + reach < cols:
+            total += sums[col + reach]
+        if col - reach - 1 >= 0:
+            total -= sums[col - reach - 1]
+        wide[col] = total
+
+
+@compiled
+def cell_noise(
+    flat: np.ndarray, trace: np.ndarray, persistence: float, unit: float, local: np.ndarray,
+    limits: tuple[float, float], out: np.ndarray, new_trace: np.ndarray, total: np.ndarray,
+    count: np.ndarray,
+) -> None:
+    """Write cells over their noise, their fading sum, and sums and numbers of its squares."""
+    rows, cols = flat.shape
+    cut, mean_square = np.float32(limits[0]), np.float32(limits[1])
+    keep, over = np.float32(persistence), _ONE / np.float32(unit)
+    around = np.empty(cols, dtype=np.float32)
+    sums, numbers = np.empty(cols, dtype=np.float32), np.empty(cols, dtype=np.float32)
+    for block in range(total.shape[0]):
+        sums[:] = _ZERO
+        numbers[:] = _ZERO
+        for col in range(cols):
+            around[col] = local[block, col // 4]
+        for row in range(4 * block, min(4 * block + 4, rows)):
+            here, past, now, result = flat[row], trace[row], new_trace[row], out[row]
+            for col in range(cols):
+                value = keep * past[col] + here[col]
+                now[col] = value
+                noise = around[col]
+                square, most = value * value * over, cut * noise
+                square = (square if square < most else most) / mean_square
+                sums[col] += square if here[col] != _ZERO else _ZERO
+                numbers[col] += _ONE if here[col] != _ZERO else _ZERO
+                result[col] = here[col] / np.sqrt(noise)
+        for other in range(total.shape[1]):
+            total[block, other] = _ZERO
+            count[block, other] = _ZERO
+            for col in range(4 * other, min(4 * other + 4, cols)):
+                total[block, other] += sums[col]
+                count[block, other] += numbers[col]

@@ -1,0 +1,139 @@
+"""
+Compiled loops over the pixels of the image, in float32; C-contiguous planes of (rows, cols).
+
+Their definitions in NumPy are in :mod:`lowsnr_sensor.conditioning.pixels` and
+:mod:`lowsnr_sensor.conditioning.frame_change`; tests hold the loops equal to them.  The innermost
+loops go along a row, which compilers turn into vector instructions.
+"""
+
+from __future__ import annotations
+
+from lowsnr_common.core.compiled import compiled
+import numpy as np
+
+_ONE, _ZERO = np.float32(1.0), np.float32(0.0)
+
+
+@compiled
+def update(
+    frame: np.ndarray, level: np.ndarray, variance: np.ndarray, age: np.ndarray,
+    local: np.ndarray, corner: tuple[int, int], scalars: tuple[float, ...],
+    new_level: np.ndarray, new_variance: np.ndarray, new_age: np.ndarray, deviations: np.ndarray,
+) -> None:
+    """Write the planes after a frame, and its deviations; ``scalars`` are those of `_row`."""
+    rows, cols = frame.shape
+    around, slope = np.empty(cols, dtype=np.float32), np.empty(cols, dtype=np.float32)
+    blocks, across = local.shape
+    last = -1
+    for row in range(rows):
+        block = min(max((row + corner[0]) // 4, 0), blocks - 1)
+        if block != last:
+            for col in range(cols):
+                around[col] = local[block, min(max((col + corner[1]) // 4, 0), across - 1)]
+            last = block
+        _steepness(level, row, slope)
+        _row(
+            frame[row], level[row], variance[row], age[row], around, slope, scalars,
+            new_level[row], new_variance[row], new_age[row], deviations[row])
+
+
+@compiled
+def _steepness(level: np.ndarray, row: int, slope: np.ndarray) -> None:
+    """Write the largest difference of the pixels of a row to their neighbours."""
+    rows, cols = level.shape
+    here, above, below = level[row], level[max(row - 1, 0)], level[min(row + 1, rows - 1)]
+    for col in range(cols):
+        one, two = abs(above[col] - here[col]), abs(below[col] - here[col])
+        slope[col] = one if one > two else two
+    for col in range(cols - 1):
+        step = abs(here[col + 1] - here[col])
+        slope[col] = step if step > slope[col] else slope[col]
+    for col in range(1, cols):
+        step = abs(here[col - 1] - here[col])
+        slope[col] = step if step > slope[col] else slope[col]
+
+
+@compiled
+def _row(
+    frame: np.ndarray, level: np.ndarray, variance: np.ndarray, age: np.ndarray,
+    around: np.ndarray, slope: np.ndarray, scalars: tuple[float, ...], new_level: np.ndarray,
+    new_variance: np.ndarray, new_age: np.ndarray, deviations: np.ndarray,
+) -> None:
+    """Update the pixels of a row."""
+    (gain, offset, growth, level_frames, noise_frames, warm_up, level_limit, limit, least, jitter,
+     unobserved, cut, mean_square, own_share, own_age, open_limit) = scalars
+    for col in range(len(frame)):
+        mean, old, years = gain * level[col] + offset, growth * variance[col], age[col]
+        known = abs(frame[col]) < unobserved
+        value = frame[col] if known else _ZERO
+        inverse = _ONE / max(years, _ONE)
+        own = own_share * years / (years + own_age) * old
+        noise = max(max(growth * around[col], own), least)
+        spread = np.sqrt((noise + (jitter * slope[col])**2) * (_ONE + inverse))
+        rest = value - mean
+        deviation = rest / spread
+        most = level_limit * (_ONE + open_limit * inverse * inverse) * spread
+        step = min(max(rest, -most), most)
+        frames = min(years + _ONE, level_frames)
+        square = noise * min(deviation * deviation, cut) / mean_square
+        both = known and years > _ZERO
+        new_level[col] = mean + step / frames if both else (value if known else mean)
+        new_variance[col] = (old + (square - old) * inverse if both else old) / growth
+        new_age[col] = min(years + _ONE, noise_frames) if known else years
+        deviation = min(max(deviation, -limit), limit)
+        deviations[col] = deviation if known and years >= warm_up else _ZERO
+
+
+@compiled
+def stripe_sums(
+    frame: np.ndarray, level: np.ndarray, age: np.ndarray, scalars: np.ndarray,
+    row_sums: np.ndarray, col_sums: np.ndarray,
+) -> None:
+    """Add the limited residual to the sums of rows and columns; ``scalars`` as in the wrapper."""
+    gain, offset, limit, unobserved = scalars[0], scalars[1], scalars[2], scalars[3]
+    rest = np.empty(frame.shape[1], dtype=np.float32)
+    for row in range(frame.shape[0]):
+        here, mean, years = frame[row], level[row], age[row]
+        for col in range(len(rest)):
+            value = here[col] - (gain * mean[col] + offset)
+            value = value if value < limit else limit
+            value = value if value > -limit else -limit
+            value = value if abs(here[col]) < unobserved and years[col] > _ZERO else _ZERO
+            rest[col] = value
+            col_sums[col] += value
+        size = len(rest)
+        while size > 1:
+            half = (size + 1) // 2
+            for col in range(size - half):
+                rest[col] += rest[half + col]
+            size = half
+        row_sums[row] = rest[0]
+
+
+@compiled
+def block_sums(
+    values: np.ndarray, known: np.ndarray, above: float, most: np.ndarray, total: np.ndarray,
+    count: np.ndarray,
+) -> None:
+    """Write sums of values up to ``most`` where ``known > above``, and their numbers."""
+    rows, cols = values.shape
+    sums, numbers = np.empty(cols, dtype=np.float32), np.empty(cols, dtype=np.float32)
+    limit = np.empty(cols, dtype=np.float32)
+    for block in range(total.shape[0]):
+        sums[:] = _ZERO
+        numbers[:] = _ZERO
+        for col in range(cols):
+            limit[col] = most[block, col // 4]
+        for row in range(4 * block, min(4 * block + 4, rows)):
+            value, flag = values[row], known[row]
+            for col in range(cols):
+                least = value[col] if value[col] < limit[col] else limit[col]
+                sums[col] += least if flag[col] > above else _ZERO
+                numbers[col] += _ONE if flag[col] > above else _ZERO
+        for other in range(total.shape[1]):
+            left, right = 4 * other, min(4 * other + 4, cols)
+            total[block, other] = _ZERO
+            count[block, other] = _ZERO
+            for col in range(left, right):
+                total[block, other] += sums[col]
+                count[block, other] += numbers[col]

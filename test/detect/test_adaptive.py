@@ -1,0 +1,227 @@
+"""Adaptive thresholds: the rate they hold in noise of any kind, and what they still detect."""
+
+from lowsnr_common.core.measurement import SensorModel
+from lowsnr_common.settings.node_settings import DetectionSettings
+from lowsnr_detect.adaptive.adaptive_detector import AdaptiveDetector
+from lowsnr_detect.adaptive.adaptive_threshold import AdaptiveThreshold
+from lowsnr_detect.adaptive.adaptive_threshold import LEARNING_FRAMES
+from lowsnr_detect.adaptive.local_maxima import local_maxima
+from lowsnr_detect.adaptive.pareto_tail import EDGES
+from lowsnr_detect.adaptive.pareto_tail import exceeded
+from lowsnr_detect.adaptive.pareto_tail import START
+from lowsnr_detect.adaptive.region_maps import bin_quantile
+from lowsnr_detect.adaptive.tail_memory import WhiteTail
+from lowsnr_detect.detectors.auto import Auto
+from lowsnr_detect.detectors.cusum import CUSUM
+from lowsnr_detect.detectors.hmm import HMM
+from lowsnr_detect.node.live_detector import LiveDetector
+from lowsnr_detect.parts.registry import detector_class
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+from scipy.ndimage import maximum_filter
+
+SENSOR = SensorModel(snr_db=8.0)
+NAMES = ('cdt', 'sdt', 'cusum', 'bank', 'auto')
+
+
+def shares(name, frames, rng, prob=0.01):
+    """Return whether each frame (K, runs, rows, cols) after the ninth holds a declaration."""
+    detector = AdaptiveDetector(detector_class(name)(sensor=SENSOR), prob, frames.shape[2:])
+    state, answers = detector.init(frames.shape[1:]), []
+    for frame in frames:
+        state, declared = detector.step(state, frame, rng)
+        answers.append(declared.any)
+    return np.stack(answers)[9:], detector.measured(state)
+
+
+@pytest.mark.parametrize('reach', [1, 3])
+def test_local_maxima_are_those_of_a_maximum_filter(rng, reach):
+    plane = rng.standard_normal((23, 31)).astype(np.float32)
+    plane[4, 5:9] = -np.inf
+    row, col, value = local_maxima(plane, reach)
+    wanted = np.nonzero(maximum_filter(plane, 2 * reach + 1) == plane)
+    assert np.array_equal(np.stack([row, col]), np.stack(wanted))
+    assert np.array_equal(value, plane[row, col])
+
+
+def test_blank_and_flat_planes_have_no_maximum():
+    for value in (0.0, -np.inf):
+        assert local_maxima(np.full((5, 7), value, np.float32), 2)[2].size == 0
+
+
+def test_bin_quantile_is_the_quantile_within_a_bin(rng):
+    values = rng.gamma(3.0, 5.0, (4, 5000))
+    counts = np.stack([np.histogram(each, np.arange(161))[0] for each in values])
+    assert bin_quantile(counts, 0.8) == pytest.approx(np.quantile(values, 0.8, axis=1), abs=0.2)
+
+
+@pytest.mark.parametrize('scale', [0.8, 1.0, 3.0])
+def test_exponential_tail_is_extrapolated(rng, scale):
+    draws = START + rng.exponential(scale, 20_000)
+    for prob in (1e-2, 1e-4):
+        counts = np.histogram(draws, EDGES)[0].astype(float)
+        found, slope = exceeded(counts, np.array(prob))
+        assert found == pytest.approx(START - scale * np.log(prob), rel=0.1)
+        assert slope == pytest.approx(1.0 / scale, rel=0.4)
+
+
+def test_few_data_give_a_higher_threshold():
+    counts = [np.histogram(START + np.linspace(0.05, 6.0, n), EDGES)[0] for n in (500, 5)]
+    many, few = exceeded(np.array(counts, dtype=float), np.array([1e-4, 1e-4]))[0]
+    assert few > many
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_white_noise_holds_the_rate(rng, name):
+    # 120 runs of 21 frames that depend on each other over three: four standard errors are .014.
+    declared, measured = shares(name, rng.standard_normal((30, 120, 20, 20)), rng)
+    assert 0.0 < declared.mean() < 0.024
+    assert 0.0 < measured < 0.024
+
+
+@pytest.mark.parametrize('name', ['cusum', 'bank', 'auto'])
+def test_coloured_noise_holds_the_rate_where_a_simulated_threshold_does_not(rng, name):
+    frames = np.empty((50, 6, 64, 96))
+    frames[0] = rng.standard_normal((6, 64, 96))
+    # Lag-1 correlation .6 in time, three times the noise in a third of the frame.
+    for k in range(1, 50):
+        frames[k] = 0.6 * frames[k - 1] + 0.8 * rng.standard_normal((6, 64, 96))
+    frames[..., 64:] *= 3.0
+    declared, _ = shares(name, frames, rng)
+    plain = detector_class(name)(sensor=SENSOR, threshold=14.0)
+    state = plain.init((6, 64, 96))
+    for frame in frames:
+        state, answer = plain.step(state, frame, rng)
+    assert answer.any.all()
+    assert declared.mean() < 0.05
+
+
+def test_regions_have_thresholds_of_their_own(rng):
+    frames = rng.standard_normal((30, 1, 64, 192))
+    frames[..., 96:] *= 3.0
+    detector = AdaptiveDetector(detector_class('bank')(sensor=SENSOR), 0.01, (64, 192))
+    state = detector.init((1, 64, 192))
+    for frame in frames:
+        state, _ = detector.step(state, frame, rng)
+    threshold = detector.tails[0].thresholds(state.tails[0])[0][0]
+    # u^2 / 2 of three times the noise is nine times as large (eight sigma are the limit).
+    assert threshold[:, 160:].min() > 5.0 * threshold[:, :32].max()
+
+
+def scene(rng, objects, first, frames=40, shape=(64, 64)):
+    """Return frames of blurred noise with objects of six sigma from one on, and their places."""
+    start = rng.uniform(4.0, 60.0, (objects, 2))
+    heading = rng.uniform(0.0, 2.0 * np.pi, objects)
+    step = rng.uniform(0.2, 0.9, objects)[:, None] * np.stack(
+        [np.sin(heading), np.cos(heading)], -1)
+    place = start + step * np.arange(frames)[:, None, None]
+    cells = np.rint(place).astype(int)
+    images = gaussian_filter(rng.standard_normal((frames, *shape)), (0, 0.5, 0.5))
+    images /= images.std()
+    for image, found in zip(images[first:], cells[first:]):
+        inside = ((found >= 0) & (found < shape)).all(axis=1)
+        image[tuple(found[inside].T)] += 6.0
+    return images, place
+
+
+@pytest.mark.parametrize(('objects', 'first'), [(1, 0), (4, 10)])
+def test_objects_are_found_one_from_the_start_and_some_later(rng, objects, first):
+    hits = present = false = scored = 0
+    for _ in range(3):
+        images, place = scene(rng, objects, first)
+        detector = AdaptiveDetector(Auto(sensor=SENSOR), 0.01, (64, 64))
+        state = detector.init((64, 64))
+        for k, image in enumerate(images):
+            state, declared = detector.step(state, image, rng)
+            if k < first + 9:
+                continue
+            found = declared.state[declared.score > 0.0][:, [2, 0]]
+            inside = ((place[k] >= 1) & (place[k] < 63)).all(axis=1)
+            gap = np.linalg.norm(found[:, None] - place[k], axis=-1)
+            hits += np.sum((gap.min(axis=0, initial=np.inf) <= 2.0) & inside)
+            present, scored = present + inside.sum(), scored + 1
+            false += np.sum(gap.min(axis=1, initial=np.inf) > 6.0)
+    assert hits / present > 0.8
+    assert false / scored < 0.1
+
+
+def test_first_frames_are_not_answered_and_blank_ones_not_counted(rng):
+    detector = AdaptiveDetector(CUSUM(sensor=SENSOR), 0.01, (20, 24))
+    state, answers = detector.init((20, 24)), []
+    for k in range(12):
+        frame = np.zeros((20, 24)) if k < 4 else rng.standard_normal((20, 24))
+        frame[10, 12] += 40.0 * (k >= 4)
+        state, declared = detector.step(state, frame, rng)
+        answers.append(bool(declared.any))
+    assert answers == [False] * (4 + LEARNING_FRAMES) + [True] * (8 - LEARNING_FRAMES)
+    assert state.tails[0].frames == 8
+
+
+def test_memory_is_not_changed(rng):
+    detector = AdaptiveDetector(Auto(sensor=SENSOR), 0.05, (20, 24))
+    state = detector.init((20, 24))
+    for _ in range(8):
+        frame = rng.standard_normal((20, 24))
+        one, first = detector.step(state, frame, rng)
+        _, second = detector.step(state, frame, rng)
+        assert first.peak == second.peak
+        state = one
+
+
+def test_object_is_left_out_and_clutter_everywhere_is_not():
+    white = WhiteTail(5.0, 1.0, 0.02, 0.07, tuple(np.r_[np.ones(6), np.zeros(58)]))
+    threshold = AdaptiveThreshold(0.01, white, (32, 32))
+    highest = {}
+    for crossing in (1, 40):
+        rng, memory = np.random.default_rng(3), threshold.init()
+        for _ in range(6):
+            plane = rng.uniform(0.0, 4.0, (1, 32, 32)).astype(np.float32)
+            plane.reshape(-1)[::25][:crossing] = 200.0
+            memory, _ = threshold.step(memory, plane)
+        highest[crossing] = threshold.thresholds(memory)[0].max()
+    assert highest[1] < 100.0
+    assert highest[40] > 150.0
+
+
+def test_detector_without_a_statistic_of_cells_is_refused():
+    with pytest.raises(ValueError, match="HMM.*'adaptive'"):
+        AdaptiveDetector(HMM(), 0.01, (8, 8))
+
+
+def live(name, point, **settings):
+    """Return a live detector at an operating point, and what it logs."""
+    logged = []
+    operating = DetectionSettings(operating_point=point, false_alarm_prob=0.05)
+    detector = detector_class(name)(sensor=SENSOR, **settings)
+    return LiveDetector(name, (detector, operating), (20, 24), logged.append), logged
+
+
+def test_node_states_the_rate_asked_and_measured_and_starts_without_a_curve(rng, monkeypatch):
+    monkeypatch.setattr('lowsnr_detect.node.live_detector.curve', None)
+    work, _ = live('auto', 'adaptive')
+    for _ in range(30):
+        work.step(rng.standard_normal((20, 24)), rng)
+    assert work.rates()['asked'] == 0.05
+    assert 0.0 <= work.rates()['measured'] < 0.3
+    assert 5.0 < work.thresholds()['threshold'] < 100.0
+
+
+def test_operating_point_changes_to_adaptive_and_back_with_an_empty_memory(rng):
+    work, logged = live('cusum', 'manual', threshold=9.0)
+    detector = CUSUM(sensor=SENSOR, threshold=9.0)
+    for number, point in enumerate(('adaptive', 'manual')):
+        work.step(rng.standard_normal((20, 24)), rng)
+        settings = (detector, DetectionSettings(operating_point=point))
+        work.check(settings)
+        work.change(settings, number)
+        assert bool(work.rates()) == (point == 'adaptive')
+    work.step(rng.standard_normal((20, 24)), rng)
+    assert work.thresholds() == {'threshold': 9.0}
+    assert [line.rpartition(', ')[2] for line in logged] == ['memory starts empty'] * 2
+
+
+def test_change_to_adaptive_is_refused_without_a_statistic_of_cells():
+    work, _ = live('hmm', 'manual')
+    with pytest.raises(ValueError, match='HMM'):
+        work.check((HMM(), DetectionSettings(operating_point='adaptive')))

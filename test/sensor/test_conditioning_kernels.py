@@ -1,0 +1,146 @@
+"""The compiled loops of the conditioner compute what their definitions in NumPy do."""
+
+from dataclasses import replace
+
+from lowsnr_sensor.conditioning import cells
+from lowsnr_sensor.conditioning import compiled_steps
+from lowsnr_sensor.conditioning import frame_change
+from lowsnr_sensor.conditioning import pixels
+from lowsnr_sensor.conditioning import registration
+from lowsnr_sensor.conditioning import scene
+from lowsnr_sensor.conditioning.conditioner import ConditioningSettings
+import numpy as np
+import pytest
+
+SHAPES = [(1, 9), (9, 1), (23, 37), (64, 50)]
+LIMITS = pixels.Limits(32.0, 100.0, 5.0, 2.0, 8.0, 0.09, 0.2)
+CLOSE = {'rtol': 2e-4, 'atol': 2e-4}
+
+
+def single(values):
+    """Return float32."""
+    return np.asarray(values, dtype=np.float32)
+
+
+def planes_of(rng, shape):
+    """Return planes of all ages, with edges."""
+    return pixels.Planes(
+        single(rng.normal(100.0, 5.0, shape)), single(rng.uniform(0.5, 9.0, shape)),
+        single(rng.integers(0, 101, shape)))
+
+
+def frame_of(rng, shape):
+    """Return a frame with outliers and pixels that are not observed."""
+    frame = single(rng.normal(100.0, 6.0, shape))
+    frame[rng.random(shape) < 0.05] = np.nan
+    frame[rng.random(shape) < 0.05] += 200.0
+    frame[rng.random(shape) < 0.02] = np.inf
+    return frame
+
+
+@pytest.mark.parametrize('shape', SHAPES)
+@pytest.mark.parametrize('corner', [(0, 0), (-6, 9)])
+def test_update_is_its_definition(rng, shape, corner):
+    frame, planes = frame_of(rng, shape), planes_of(rng, shape)
+    local = single(rng.uniform(1.0, 9.0, pixels.blocks_of(shape)))
+    for change in (pixels.Change(), pixels.Change(
+            1.1, -9.0, 2.0, single(rng.normal(size=shape)), single(rng.normal(size=shape[0])),
+            single(rng.normal(size=shape[1])))):
+        found = compiled_steps.update(frame, planes, local, corner, change, LIMITS)
+        wanted = pixels.update(frame, planes, local, corner, change, LIMITS)
+        for one, two in zip((*found[0], found[1]), (*wanted[0], wanted[1])):
+            assert one.dtype == np.float32
+            np.testing.assert_allclose(one, two, **CLOSE)
+
+
+@pytest.mark.parametrize('shape', SHAPES)
+def test_sums_over_stripes_and_blocks_are_their_definitions(rng, shape):
+    frame, planes = frame_of(rng, shape), planes_of(rng, shape)
+    change = replace(pixels.Change(0.9, 3.0), rows=single(rng.normal(size=shape[0])))
+    for found, wanted in zip(compiled_steps.stripe_sums(frame, planes, change, 12.0),
+                             frame_change.stripe_sums(frame, planes, change, 12.0)):
+        np.testing.assert_allclose(found, wanted, rtol=1e-4, atol=1e-2)
+    local = single(rng.uniform(1.0, 2.0, pixels.blocks_of(shape)))
+    for found, wanted in zip(compiled_steps.block_sums(planes, local),
+                             pixels.block_sums(planes, local)):
+        np.testing.assert_allclose(found, wanted, **CLOSE)
+
+
+@pytest.mark.parametrize('shape', SHAPES)
+@pytest.mark.parametrize('binning', [1, 2])
+@pytest.mark.parametrize('shift', [(0.0, 0.0), (-3.4, 7.8)])
+def test_matched_filter_is_its_definition(rng, shape, binning, shift):
+    values = single(2.0 * rng.standard_normal(shape))
+    rows, cols = (cells.taps(size, size // binning, binning, 0.8, by)
+                  for size, by in zip(shape, shift))
+    found = compiled_steps.filtered(values, rows, cols)
+    wanted = cells.filtered(cells.single_limited(values), rows, cols)
+    np.testing.assert_allclose(found, wanted, **CLOSE)
+
+
+@pytest.mark.parametrize('shape', SHAPES)
+@pytest.mark.parametrize('reach', [0, 1, 4])
+def test_cells_are_flattened_and_divided_by_their_noise_as_defined(rng, shape, reach):
+    plane = single(rng.standard_normal(shape))
+    plane[:2, :3] = 0.0
+    flat = compiled_steps.flattened(plane, reach)
+    np.testing.assert_allclose(flat, cells.flattened(plane, reach), **CLOSE)
+    trace, local = single(rng.standard_normal(shape)), single(
+        rng.uniform(0.7, 2.0, pixels.blocks_of(shape)))
+    for found, wanted in zip(compiled_steps.cell_noise(flat, trace, 0.5, 1.3, local),
+                             cells.cell_noise(flat, trace, 0.5, 1.3, local)):
+        np.testing.assert_allclose(found, wanted, **CLOSE)
+
+
+@pytest.mark.parametrize('position', [(0.0, 0.0), (0.25, -1.5), (-7.3, 4.6)])
+def test_interpolation_is_its_definition(rng, position):
+    plane = single(rng.standard_normal((23, 37)))
+    np.testing.assert_allclose(
+        scene.shifted_compiled(plane, position), scene.shifted(plane, position), **CLOSE)
+    sample = registration.Sample(plane[::3, ::3], 3, plane[::3, ::3], 9)
+    np.testing.assert_allclose(
+        registration.taken_compiled(plane, sample, position),
+        registration.taken(plane, sample, position), **CLOSE)
+
+
+def test_cubic_interpolation_keeps_a_parabola_and_its_slope():
+    row, col = np.mgrid[:20, :30].astype(np.float32)
+    plane = 0.5 * row**2 - 0.3 * row * col + 2.0 * col
+    sample = registration.Sample(plane[:10, :20], 1, plane[:10, :20], 1)
+    down, right = 3.3, 5.7
+    found = registration.taken_compiled(plane, sample, (down, right))
+    y, x = row[:10, :20] + down, col[:10, :20] + right
+    for one, two in zip(found, (0.5 * y**2 - 0.3 * y * x + 2.0 * x, y - 0.3 * x, 2.0 - 0.3 * y)):
+        np.testing.assert_allclose(one, two, atol=2e-3)
+
+
+@pytest.mark.parametrize('position', [(2.0, -3.0), (1.4, 6.7)])
+def test_planes_return_to_the_scene_as_defined(rng, position):
+    state = ConditioningSettings().init((23, 37))
+    state = replace(state, planes=planes_of(rng, (23, 37)), position=position)
+    before, corner = scene.to_image(state)
+    assert corner == tuple(round(place) for place in position)
+    after = pixels.Planes(before.level + single(rng.standard_normal((23, 37))),
+                          before.variance + 1.0, before.age + 1.0)
+    change = pixels.Change(1.1, -2.0)
+    found = scene.from_image(state, before, after, change)
+    wanted = scene.from_image_defined(state, before, after, change)
+    for one, two in zip(found, wanted):
+        np.testing.assert_allclose(one, two, rtol=1e-4, atol=1e-3)
+
+
+@pytest.mark.parametrize('binning', [1, 2])
+@pytest.mark.parametrize('shift', [0.0, 0.37, -2.6])
+def test_matched_filter_has_unit_noise_and_its_peak_at_the_object(binning, shift):
+    size, count = 60, 60 // binning
+    axis = cells.taps(size, count, binning, 0.8, shift)
+    matrix = cells.along(np.eye(size, dtype=np.float32), axis)
+    inside = axis.scale > 0.0
+    np.testing.assert_allclose(np.sum(matrix**2, axis=1)[inside], 1.0, rtol=1e-5)
+    # A point at the centre of cell 12 of the scene is seen at this pixel of the image.
+    place = binning * 12 + (binning - 1) / 2.0 - shift
+    point = np.exp(-(np.arange(size) - place)**2 / (2.0 * 0.8**2))
+    answer = matrix @ point
+    assert np.argmax(answer) == 12
+    # No filter gains more than the energy of the point spread; bins cost up to 2 %.
+    assert 0.97 < answer[12] / np.sqrt(np.sum(point**2)) < 1.0001
