@@ -53,7 +53,7 @@ class LiveDetector:
         detector, operating = settings
         if operating.operating_point == 'matched':
             self._curves[_untuned(detector)] = curve(
-                detector, shape, progress=logged_progress(name, shape, log))
+                detector, shape, progress=logged_progress(name, shape, log), warn=log)
         self._detector = self._tuned(settings)
         self._memory = self._detector.init(shape)
 
@@ -81,7 +81,7 @@ class LiveDetector:
         detector, operating = settings
         if operating.operating_point != 'matched' or _untuned(detector) in self._curves:
             return
-        if (found := known_curve(detector, self.shape)) is None:
+        if (found := known_curve(detector, self.shape, warn=self._log)) is None:
             rows, cols = self.shape
             raise ValueError(
                 f'there is no calibration of {self.name} with these settings for operating_point '
