@@ -98,9 +98,10 @@ def test_interpolation_is_its_definition(rng, position):
     np.testing.assert_allclose(
         scene.shifted_compiled(plane, position), scene.shifted(plane, position), **CLOSE)
     sample = registration.Sample(plane[::3, ::3], 3, plane[::3, ::3], 9)
+    planes = pixels.Planes(plane, plane, single(rng.integers(0, 9, plane.shape)))
     np.testing.assert_allclose(
-        registration.taken_compiled(plane, sample, position),
-        registration.taken(plane, sample, position), **CLOSE)
+        registration.taken_compiled(planes, sample, position),
+        registration.taken(planes, sample, position), **CLOSE)
 
 
 def test_cubic_interpolation_keeps_a_parabola_and_its_slope():
@@ -108,7 +109,8 @@ def test_cubic_interpolation_keeps_a_parabola_and_its_slope():
     plane = 0.5 * row**2 - 0.3 * row * col + 2.0 * col
     sample = registration.Sample(plane[:10, :20], 1, plane[:10, :20], 1)
     down, right = 3.3, 5.7
-    found = registration.taken_compiled(plane, sample, (down, right))
+    planes = pixels.Planes(plane, plane, np.ones_like(plane))
+    found = registration.taken_compiled(planes, sample, (down, right))
     y, x = row[:10, :20] + down, col[:10, :20] + right
     for one, two in zip(found, (0.5 * y**2 - 0.3 * y * x + 2.0 * x, y - 0.3 * x, 2.0 - 0.3 * y)):
         np.testing.assert_allclose(one, two, atol=2e-3)

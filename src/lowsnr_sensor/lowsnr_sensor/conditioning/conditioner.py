@@ -182,7 +182,8 @@ class ConditioningSettings:
             self.background_frames, self.noise_frames, self.warm_up_frames, _LEVEL_LIMIT,
             self.limit, fit.floor**2, self.jitter_px)
         before, corner = to_image(state)
-        noise = math.sqrt(max(float(np.median(state.local)), fit.floor**2))
+        younger = 1.0 + 1.0 / min(state.frames, self.background_frames)
+        noise = math.sqrt(max(float(np.median(state.local)), fit.floor**2) * younger)
         change = with_stripes(fit.change, values, before, noise, steps.stripe_sums)
         change, activity = with_noise(state, fit, change)
         after, deviations = steps.update(values, before, state.local, corner, change, limits)

@@ -21,6 +21,8 @@ _SAMPLE = 8_192
 # Side of the squares whose level may change together [pixels], and the change that is left to the
 # recursion of the pixels [standard deviations].
 _WIDE, _LEFT_ALONE = 16, 1.0
+# Limit of the median of n unit normal values times the root of n: five standard deviations.
+_MEDIAN_LIMIT = 6.3
 # Stripes are corrected if their mean square exceeds that from noise by this factor.
 _STRIPES = 1.5
 # Limit of a pixel in the offset of its row and column [standard deviations].
@@ -89,7 +91,8 @@ def wide_change(residual: np.ndarray, noise: np.ndarray, step: int, shape: tuple
         .transpose(0, 2, 1, 3).reshape(*parts, side**2)
         for plane in (np.nan_to_num(residual / noise), noise))
     middle = np.median(ratio, axis=-1)
-    change = np.sign(middle) * np.maximum(abs(middle) - _LEFT_ALONE, 0.0)
+    within = max(_LEFT_ALONE, _MEDIAN_LIMIT / side)
+    change = np.sign(middle) * np.maximum(abs(middle) - within, 0.0)
     if not change.any():
         return None
     change *= np.median(spread, axis=-1)

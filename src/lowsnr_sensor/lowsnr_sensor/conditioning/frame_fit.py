@@ -10,17 +10,20 @@ from typing import Protocol
 from lowsnr_sensor.conditioning import frame_change
 from lowsnr_sensor.conditioning.pixels import BLOCK
 from lowsnr_sensor.conditioning.pixels import Change
+from lowsnr_sensor.conditioning.pixels import own_variance
+from lowsnr_sensor.conditioning.pixels import Planes
 from lowsnr_sensor.conditioning.pixels import UNOBSERVED
 from lowsnr_sensor.conditioning.registration import Fit
 from lowsnr_sensor.conditioning.registration import fit_level
+from lowsnr_sensor.conditioning.registration import is_better
 from lowsnr_sensor.conditioning.registration import phase_correlation
 from lowsnr_sensor.conditioning.registration import refine
 from lowsnr_sensor.conditioning.registration import Sample
 from lowsnr_sensor.conditioning.state import ConditionerState
 import numpy as np
 
-# A motion or gain is accepted if the energy of the residual falls by this factor; a motion beyond
-# the second only if the response of the phase correlation is above the third.
+# A gain is accepted if the energy of the residual falls by this factor; a motion beyond the second
+# only if the response of the phase correlation is above the third.
 _FALL, _NEAR_PX, _RESPONSE = 0.8, 3.0, 0.3
 # Energy over the usual one at which a motion is looked for, and frames after a motion, or after
 # the start, in which it always is.
@@ -33,10 +36,8 @@ _CUT_ENERGY, _CUT_CORRELATION = 3.0, 0.3
 _STALE_ENERGY, _STALE = 1.5, 0.3
 # A frame is flat if its spread is below this share of what is expected.
 _FLAT = 0.2
-# Frames over which codec and activity are averaged.
-_SLOW = 16
-# Rounding of float32, as a share of the level.
-_ROUNDING = 3e-7
+# Frames over which codec and activity are averaged, and rounding of float32, as a share.
+_SLOW, _ROUNDING = 16, 3e-7
 
 
 class FitSettings(Protocol):
@@ -106,14 +107,13 @@ def fit_frame(
     """Return the best description of a frame by the background of the state."""
     assert state.planes is not None
     sample, still, local, floor = _first_look(settings, state, values, integer)
-    level = state.planes.level
     square = frame_change.mean_square(still.residual / sample.deviation(still.position))
     unusual = square > _UNUSUAL * state.activity + 0.02 or state.frames < _YOUNG
     best = still
     if settings.registration and (unusual or state.moved < _STILL_AFTER):
         best = _registered(state, values, sample, still)
     if unusual:
-        best = _scaled(sample, level, best)
+        best = _scaled(sample, state.planes, best)
     moved = best.position != state.position
     codec = state.codec
     if integer:
@@ -122,11 +122,10 @@ def fit_frame(
         floor = max(settings.codec_floor if codec > 0.5 else settings.noise_floor, floor)
     if state.frames == 1:
         sample, local = _with_first_noise(state, sample, best.residual, floor)
-    spread = sample.deviation(best.position)
+    spread = np.hypot(sample.deviation(best.position), _own_noise(state, sample))
     wide = None if state.frames < 2 else frame_change.wide_change(
         best.residual, spread, sample.step, state.shape)
-    rest = best.residual if wide is None else (
-        best.residual - wide[::sample.step, ::sample.step])
+    rest = best.residual - (0.0 if wide is None else wide[::sample.step, ::sample.step])
     square = frame_change.mean_square(rest / spread)
     cut = _is_cut(sample, best, square) or _is_stale(
         state, sample, frame_change.mean_square(best.residual / spread))
@@ -164,12 +163,21 @@ def _first_look(
         for size, place, blocks in zip(some.shape, state.position, state.local.shape))
     noise = np.sqrt(np.maximum(state.local[np.ix_(rows, cols)], floor**2))
     sample = Sample(some, step, noise.astype(np.float32), count)
-    still = fit_level(sample, state.planes.level, state.position)
+    still = fit_level(sample, state.planes, state.position)
     local = state.local
     if state.frames == 1:
         sample, local = _with_first_noise(state, sample, still.residual, floor)
-        still = fit_level(sample, state.planes.level, state.position)
+        still = fit_level(sample, state.planes, state.position)
     return sample, still, local, floor
+
+
+def _own_noise(state: ConditionerState, sample: Sample) -> np.ndarray:
+    """Return by how much the noise that pixels have shown exceeds that of their surroundings."""
+    assert state.planes is not None
+    own = own_variance(state.planes, np.ix_(*(
+        np.clip(np.arange(size) * sample.step + round(place), 0, most - 1)
+        for size, place, most in zip(sample.values.shape, state.position, state.shape))))
+    return np.sqrt(np.maximum(own - sample.noise**2, 0.0))  # type: ignore[no-any-return]
 
 
 def _looks_coded(state: ConditionerState, values: np.ndarray, fit: Fit, step: int) -> bool:
@@ -198,23 +206,23 @@ def _registered(
 ) -> Fit:
     """Return the fit at another position if it is better by far."""
     assert state.planes is not None
-    level = state.planes.level
+    planes = state.planes
     down, right, response = phase_correlation(values, state.previous)
     there = (state.position[0] + down, state.position[1] + right)
-    fits = [refine(sample, level, still, moves=True, scales=False)]
+    starts = [still]
     if response > _RESPONSE or max(abs(down), abs(right)) <= _NEAR_PX:
-        fits.append(refine(
-            sample, level, fit_level(sample, level, there), moves=True, scales=False))
-    best = min(fits, key=lambda fit: fit.energy)
-    return best if best.energy < _FALL * still.energy else still
+        starts.append(fit_level(sample, planes, there))
+    start = min(starts, key=lambda fit: fit.energy)
+    best = refine(sample, planes, start, moves=True, scales=False)
+    return best if is_better(sample, best, still) else still
 
 
-def _scaled(sample: Sample, level: np.ndarray, fit: Fit) -> Fit:
+def _scaled(sample: Sample, planes: Planes, fit: Fit) -> Fit:
     """Return the fit with another gain if it is better by far."""
-    contrast = float(np.std(level[::sample.step, ::sample.step]))
+    contrast = float(np.nanstd(fit.background[0]))
     if contrast < _CONTRAST * float(np.median(sample.noise)):
         return fit
-    scaled = refine(sample, level, fit, moves=False, scales=True)
+    scaled = refine(sample, planes, fit, moves=False, scales=True)
     accepted = scaled.energy < _FALL * fit.energy and abs(scaled.gain - 1.0) > _LEAST_GAIN
     return scaled if accepted and scaled.gain > 0.0 else fit
 

@@ -66,21 +66,29 @@ def _row(
         mean, old, years = gain * level[col] + offset, growth * variance[col], age[col]
         known = abs(frame[col]) < unobserved
         value = frame[col] if known else _ZERO
-        inverse = _ONE / max(years, _ONE)
-        own = own_share * years / (years + own_age) * old
-        noise = max(max(growth * around[col], own), least)
-        spread = np.sqrt((noise + (jitter * slope[col])**2) * (_ONE + inverse))
+        inverse = _ONE / (years if years > _ONE else _ONE)
+        young = own_age / (years + own_age)
+        own = own_share * (_ONE - young) * old
+        noise = growth * around[col]
+        noise = noise if noise > own else own
+        noise = noise if noise > least else least
+        edge = jitter * slope[col]
+        noise += young * edge * edge
+        spread = np.sqrt(noise * (_ONE + inverse))
         rest = value - mean
         deviation = rest / spread
         most = level_limit * (_ONE + open_limit * inverse * inverse) * spread
-        step = min(max(rest, -most), most)
-        frames = min(years + _ONE, level_frames)
-        square = noise * min(deviation * deviation, cut) / mean_square
+        step = rest if rest < most else most
+        step = step if step > -most else -most
+        older, square = years + _ONE, deviation * deviation
+        frames = older if older < level_frames else level_frames
+        square = noise * (square if square < cut else cut) / mean_square
         both = known and years > _ZERO
         new_level[col] = mean + step / frames if both else (value if known else mean)
         new_variance[col] = (old + (square - old) * inverse if both else old) / growth
-        new_age[col] = min(years + _ONE, noise_frames) if known else years
-        deviation = min(max(deviation, -limit), limit)
+        new_age[col] = (older if older < noise_frames else noise_frames) if known else years
+        deviation = deviation if deviation < limit else limit
+        deviation = deviation if deviation > -limit else -limit
         deviations[col] = deviation if known and years >= warm_up else _ZERO
 
 

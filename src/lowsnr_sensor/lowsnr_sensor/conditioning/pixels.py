@@ -23,7 +23,7 @@ NOISE_LIMIT = 2.5
 # Frames after which the limit of the level is at twice its final value; it falls as 1 / age^2.
 OPEN_LIMIT = 8.0
 # Share of a pixel's own variance that counts beside its surroundings, and the frames to trust it.
-OWN, OWN_AGE = 0.5, 10.0
+OWN, OWN_AGE = 0.7, 10.0
 # A pixel's variance counts in that of its surroundings up to so many times that.
 BLOCK_LIMIT = 4.0
 
@@ -136,7 +136,9 @@ def update(
     own = OWN * age / (age + OWN_AGE) * variance
     around = change.variance * expand(local, frame.shape, corner)
     noise = np.maximum(np.maximum(around, own), limits.least)
-    spread = (noise + (limits.jitter * steepness(planes.level))**2) * (1.0 + 1.0 / count)
+    young = OWN_AGE / (age + OWN_AGE)
+    noise = noise + young * (limits.jitter * steepness(planes.level))**2
+    spread = noise * (1.0 + 1.0 / count)
     value = np.where(known, flat, 0.0)
     deviation = (value - level) / np.sqrt(spread)
     known_before = known & (age > 0.0)
@@ -150,6 +152,13 @@ def update(
         np.where(known, np.minimum(age + 1.0, limits.noise_frames), age))
     shown = known & (age >= limits.warm_up)
     return after, np.where(shown, np.clip(deviation, -limits.limit, limits.limit), 0.0)
+
+
+def own_variance(planes: Planes, at: tuple[np.ndarray, ...]) -> np.ndarray:
+    """Return what the pixels at some places have shown of their own variance."""
+    age = planes.age[at]
+    own: np.ndarray = OWN * age / (age + OWN_AGE) * planes.variance[at]
+    return own
 
 
 def steepness(plane: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ import math
 from typing import NamedTuple
 
 from lowsnr_sensor.conditioning import scene_kernels
+from lowsnr_sensor.conditioning.pixels import Planes
 import numpy as np
 import scipy.fft
 
@@ -22,6 +23,9 @@ _LEAST_SIDE, _MOST_REDUCED = 64, 4
 _ENERGY_LIMIT = 8.0
 # Residuals beyond so many standard deviations have less weight in a fit (Huber).
 _FULL_WEIGHT = 3.0
+# A motion is accepted if the energy falls by the first factor; or by the second number of standard
+# deviations, and the third more, in as many parts of the frame as the fourth of fifth squared.
+_FALL, _DEVIATIONS, _MORE, _BETTER_PARTS, _PARTS = 0.8, 4.0, 12.0, 3, 5
 # Gauss-Newton steps, their largest [pixels], and that at which they end.
 _STEPS, _LARGEST_STEP, _SMALLEST_STEP = 8, 1.0, 0.01
 
@@ -91,9 +95,9 @@ def slope(fraction: float) -> np.ndarray:
     ], dtype=np.float32) / np.float32(2.0)
 
 
-def taken(plane: np.ndarray, sample: Sample, position: tuple[float, float]) -> np.ndarray:
-    """Return a plane and its slopes at the pixels of a sample, (3, n, m); NaN beyond the plane."""
-    axes = []
+def taken(planes: Planes, sample: Sample, position: tuple[float, float]) -> np.ndarray:
+    """Return the level and its slopes at the pixels of a sample, (3, n, m); NaN where unknown."""
+    axes, plane = [], planes.level
     for place, count, size in zip(position, sample.values.shape, plane.shape):
         whole, part = whole_and_fraction(place)
         at = np.arange(count) * sample.step + whole
@@ -105,26 +109,27 @@ def taken(plane: np.ndarray, sample: Sample, position: tuple[float, float]) -> n
                               np.clip(cols + other - 1, 0, plane.shape[1] - 1))]
         for number, (one, two) in enumerate(((0, 0), (1, 0), (0, 1))):
             values[number] += down[one][tap] * right[two][other] * pixels
-    values[:, ~(high[:, None] & wide)] = np.nan
+    known = planes.age[np.ix_(rows.clip(0, len(plane) - 1), cols.clip(0, plane.shape[1] - 1))] > 0
+    values[:, ~(high[:, None] & wide & known)] = np.nan
     return values
 
 
 def taken_compiled(
-    plane: np.ndarray, sample: Sample, position: tuple[float, float],
+    planes: Planes, sample: Sample, position: tuple[float, float],
 ) -> np.ndarray:
     """Compute :func:`taken` by a compiled loop."""
     (row, down), (col, right) = (whole_and_fraction(place) for place in position)
     weights = np.stack([[cubic(part), slope(part)] for part in (down, right)])
     values = np.empty((3, *sample.values.shape), dtype=np.float32)
-    scene_kernels.sample(plane, row, col, sample.step, weights, values)
+    scene_kernels.sample(planes.level, planes.age, row, col, sample.step, weights, values)
     return values
 
 
 def fit_level(
-    sample: Sample, level: np.ndarray, position: tuple[float, float], gain: float = 1.0,
+    sample: Sample, planes: Planes, position: tuple[float, float], gain: float = 1.0,
 ) -> Fit:
     """Return the fit at a position that differs in offset alone."""
-    background = taken_compiled(level, sample, position)
+    background = taken_compiled(planes, sample, position)
     residual = sample.values - gain * background[0]
     known = residual[np.isfinite(residual)]
     offset = float(np.median(known)) if known.size else 0.0
@@ -136,19 +141,41 @@ def fit_level(
 
 
 def refine(
-    sample: Sample, level: np.ndarray, start: Fit, moves: bool, scales: bool,
+    sample: Sample, planes: Planes, start: Fit, moves: bool, scales: bool,
 ) -> Fit:
     """Return the best fit near a first one, in offset and in position, gain, or both."""
     best = fit = start
     for _ in range(_STEPS):
         step = _newton_step(sample, fit, moves, scales)
         where = (fit.position[0] + step[0], fit.position[1] + step[1])
-        fit = fit_level(sample, level, where, fit.gain + step[2])
+        fit = fit_level(sample, planes, where, fit.gain + step[2])
         if fit.energy < best.energy:
             best = fit
         if max(abs(step[0]), abs(step[1])) < _SMALLEST_STEP:
             break
     return best
+
+
+def is_better(sample: Sample, fit: Fit, still: Fit) -> bool:
+    """
+    Return whether a motion explains a frame better than none.
+
+    Either the energy falls by 20 %, or it falls, beyond noise, in several parts of the frame and
+    rises in few: a bright object that moves does so in one or two.
+    """
+    if fit.energy < _FALL * still.energy:
+        return True
+    before, after = (
+        np.minimum(abs(item.residual) / sample.deviation(item.position), _ENERGY_LIMIT)**2
+        for item in (still, fit))
+    # Pixels that either does not know count for none.
+    change = np.nan_to_num(before - after)
+    for axis, size in enumerate(change.shape):
+        change = np.add.reduceat(change, np.unique(np.arange(_PARTS) * size // _PARTS), axis=axis)
+    # Noise of the background changes the energy of n pixels by sqrt(8 n / frames).
+    noise = _DEVIATIONS * math.sqrt(8.0 * before.size / change.size / sample.frames)
+    better, worse = (np.count_nonzero(sign * change > noise + _MORE) for sign in (1, -1))
+    return bool(better >= _BETTER_PARTS + 3 * worse)
 
 
 def _newton_step(

@@ -43,10 +43,11 @@ def shift(
 
 @compiled
 def sample(
-    plane: np.ndarray, row: int, col: int, step: int, weights: np.ndarray, values: np.ndarray,
+    plane: np.ndarray, age: np.ndarray, row: int, col: int, step: int, weights: np.ndarray,
+    values: np.ndarray,
 ) -> None:
     """
-    Write value, row slope and column slope at every few pixels, (3, n, m); NaN beyond the plane.
+    Write value, row slope and column slope at every few pixels, (3, n, m); NaN where unknown.
 
     ``weights`` (2, 2, 4) are those of the value and of its slope along rows and columns.
     """
@@ -55,7 +56,7 @@ def sample(
         top = line * step + row
         for place in range(values.shape[2]):
             left = place * step + col
-            inside = 0 <= top < rows - 1 and 0 <= left < cols - 1
+            inside = 0 <= top < rows - 1 and 0 <= left < cols - 1 and age[top, left] > _ZERO
             value = down = right = _ZERO if inside else np.float32(np.nan)
             if inside:
                 for tap in range(4):
