@@ -77,7 +77,7 @@ def record(folder: Path, options: argparse.Namespace) -> tuple[int, float, float
         'topics': [TOPIC], 'rows': options.side, 'cols': options.side}}))
     with ProcessGroup(folder, os.environ) as group:
         recorder = group.start(node, folder / 'parameters.yaml')
-        manager = Manager([node], lambda: None, lambda *_: None)
+        manager = Manager(group, [node], lambda: None, lambda *_: None)
         rclpy.init()
         publisher = rclpy.create_node('camera').create_publisher(
             Image, TOPIC, reliable(frame_depth(1000, options.side, options.side)))

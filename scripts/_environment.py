@@ -30,6 +30,7 @@ import _venv
 SOURCES = [str(path) for path in sorted((_venv.ROOT / 'src').glob('lowsnr_*'))]
 OLDEST = (3, 11)
 WITH_WHEELS = ('3.12', '3.11', '3.13')  # for which PyPI has ROS 2, the preferred one first
+OPEN_FILES = 64  # of a process; one node has about 20
 ROS = (
     'rclpy', 'diagnostic_msgs', 'geometry_msgs', 'lifecycle_msgs', 'nav_msgs', 'rosgraph_msgs',
     'sensor_msgs', 'std_msgs', 'vision_msgs', 'visualization_msgs',
@@ -81,10 +82,23 @@ def ensure(dev: bool = False) -> None:
 
 def _adopt() -> None:
     """Make the packages of the checkout importable, here and in processes started from here."""
+    _check_limits()
     sys.path[1:1] = [path for path in SOURCES if path not in sys.path]
     _prepend('PYTHONPATH', SOURCES)
     if os.path.isdir(os.path.join(sys.prefix, 'share', 'ament_index')):  # of the ROS wheels
         _prepend('AMENT_PREFIX_PATH', [sys.prefix])
+
+
+def _check_limits() -> None:
+    """Let this process open files enough, and nobody else write to those that it makes."""
+    import resource  # here: not every system has it
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if hard != resource.RLIM_INFINITY and hard < OPEN_FILES:
+        _steps.fail(f'a process may open {hard} files, and {OPEN_FILES} are needed: raise the '
+                    f'limit, as with ulimit -n {OPEN_FILES}', 2)
+    if soft != resource.RLIM_INFINITY and soft < OPEN_FILES:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (OPEN_FILES, hard))
+    os.umask(os.umask(0o077) | 0o022)
 
 
 def _prepend(variable: str, paths: 'list[str]') -> None:

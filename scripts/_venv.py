@@ -10,6 +10,7 @@ This file also runs on Pythons older than the project's.
 """
 
 import contextlib
+import errno
 import hashlib
 import importlib.util
 import json
@@ -83,9 +84,9 @@ def _contents() -> 'set[str]':
     """Return what ``.venv`` holds; nothing if it was made from other files."""
     try:
         stamp = json.loads(STAMP.read_text(encoding='utf-8'))
-    except (OSError, ValueError):
+        return set(stamp['contents']) if stamp['key'] == _key() else set()
+    except (OSError, ValueError, LookupError, TypeError, RecursionError):
         return set()
-    return set(stamp['contents']) if stamp['key'] == _key() else set()
 
 
 def _key() -> str:
@@ -121,7 +122,10 @@ def make(base: str, wanted: 'set[str]', packages: 'dict[str, str]') -> None:
     except KeyboardInterrupt:
         _steps.fail('interrupted', 130)
     except OSError as error:
-        _steps.fail(f'{error.strerror}: {error.filename}; correct that and start again', 2)
+        remedy = 'correct that and start again'
+        if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM):
+            remedy = f'use a checkout of your own: git clone {ROOT}'
+        _steps.fail(f'{error.filename}: {error.strerror}: {remedy}', 2)
 
 
 def _check_tools(for_wheels: bool) -> None:

@@ -7,6 +7,7 @@ import json
 import os
 from pathlib import Path
 import shlex
+import shutil
 import sys
 from typing import TYPE_CHECKING
 
@@ -109,13 +110,17 @@ def calibrate_detector(
     name: str, detector: 'Detector', prob: float, shape: tuple[int, int],
 ) -> 'Calibration':
     """Return the calibration; show the progress if it takes more than half a second."""
+    from lowsnr_bringup.run.progress import progress
     from lowsnr_detect.calibration.operating_point import calibrated
-    from tqdm import tqdm
 
-    with tqdm(total=100, desc=f'calibrating {name}', unit='%', leave=False,
-              disable=None, delay=0.5) as bar:
-        return calibrated(
-            detector, prob, shape, progress=lambda done: bar.update(round(100 * done) - bar.n))
+    shown = 0
+    with progress(f'calibrating {name}', 100, '%', delay_s=0.5, leave=False) as advance:
+        def show(done: float) -> None:
+            nonlocal shown
+            advance(round(100 * done) - shown)
+            shown = round(100 * done)
+
+        return calibrated(detector, prob, shape, progress=show, warn=say)
 
 
 def write_parameters(plan: 'RunPlan', folder: Path) -> None:
@@ -132,12 +137,18 @@ def write_parameters(plan: 'RunPlan', folder: Path) -> None:
 
 def run(plan: 'RunPlan', folder: Path, server: 'NodeServer') -> int:
     """Start the graph, wait for its end, and present what it scored; return the exit code."""
+    from lowsnr_bringup.ros.domain_guard import DomainTaken
     from lowsnr_bringup.ros.supervisor import Supervisor
 
     patience_s = plan.parameters['/evaluator']['answer_within_s'] + 2.0
     supervisor = Supervisor(
         plan.nodes, folder, plan.frames, patience_s, plan.respawn, server=server)
-    status, trouble = supervisor.run()
+    try:
+        status, trouble = supervisor.run()
+    except DomainTaken as error:
+        shutil.rmtree(folder)  # it holds nothing but what this run made
+        say(str(error))
+        return USAGE
     present(plan, folder, supervisor.account, trouble)
     return status
 
@@ -182,7 +193,9 @@ def report(folder: Path) -> None:
 
 def say(text: str) -> None:
     """Print one line for the user, apart from the table of scores."""
-    print(f'bringup.py: {text}', file=sys.stderr)
+    from lowsnr_common.settings.text import printable_lines
+
+    print(f'bringup.py: {printable_lines(text)}', file=sys.stderr)
 
 
 if __name__ == '__main__':

@@ -1,8 +1,13 @@
 """Make a bag from real frames: an .npz, a folder of PNG, TIFF or FITS images, or a video."""
 
 import argparse
+from collections.abc import Iterable
+import itertools
+import math
+import os
 from pathlib import Path
 import shutil
+import sqlite3
 import sys
 from typing import TYPE_CHECKING
 
@@ -14,6 +19,10 @@ import _environment
 
 if TYPE_CHECKING:
     from lowsnr_bringup.bags.image_files import FrameReader
+    from lowsnr_common.core.records import Truth
+
+
+MESSAGE_BYTES = 150  # of a frame and its time in a bag, besides the pixels
 
 
 def parse_arguments(arguments: list[str]) -> argparse.Namespace:
@@ -52,7 +61,7 @@ def main() -> int:
     from lowsnr_bringup.bags.image_files import open_frames
     begun = False
     try:
-        if options.out.exists():
+        if os.path.lexists(options.out):
             raise ValueError(f'--out {options.out}: exists')
         frames = open_frames(options.frames)
         begun = True
@@ -60,8 +69,9 @@ def main() -> int:
     except ValueError as error:
         print(f'convert.py: {error}', file=sys.stderr)
         return USAGE
-    except OSError as error:
-        print(f'convert.py: {options.out}: {error.strerror or error}', file=sys.stderr)
+    except (OSError, sqlite3.Error) as error:
+        reason = getattr(error, 'strerror', None) or error
+        print(f'convert.py: {options.out}: {reason}', file=sys.stderr)
         return USAGE
     else:
         begun = False
@@ -82,22 +92,31 @@ def write(frames: 'FrameReader', options: argparse.Namespace) -> int:
     import numpy as np
 
     period_s = 1.0 / options.rate if options.rate else options.period
-    truth, rest = None, iter(frames)
+    truth: Iterable[list[Truth] | None] = itertools.repeat(None)
     if options.truth:
-        held = list(frames)
-        rest = iter(held)
         # The table names the frames by t_s, or by times from 0 s on.
         even_s = frames.even_period_s(period_s)
-        times_s = frames.times_s if even_s is None else np.arange(len(held)) * even_s
+        times_s = frames.times_s if even_s is None else np.arange(sum(1 for _ in frames)) * even_s
         truth = read_truth(options.truth, np.asarray(times_s))
     elif frames.truth is not None:
         truth = truth_of_array(frames.truth)
+    check_room(options.out, frames)
     count = 0
     with FrameBag(options.out, options.storage) as bag:
-        for frame, stamp_ns in zip(rest, frames.stamps_ns(period_s)):
-            bag.add(frame, stamp_ns, None if truth is None else truth[count])
+        for frame, stamp_ns, objects in zip(frames, frames.stamps_ns(period_s), truth):
+            bag.add(frame, stamp_ns, objects)
             count += 1
     return count
+
+
+def check_room(out: Path, frames: 'FrameReader') -> None:
+    """Raise ValueError if the disk has no room for the frames, as far as their number is known."""
+    each = math.prod(frames.shape) * frames.dtype.itemsize + MESSAGE_BYTES
+    size = each * (frames.count or 0)
+    folder = next(path for path in out.absolute().parents if path.is_dir())
+    if size > (free := shutil.disk_usage(folder).free):
+        raise ValueError(
+            f'{out}: the bag takes {size} bytes, and the disk of {folder} has {free} free')
 
 
 if __name__ == '__main__':

@@ -50,6 +50,7 @@ def main() -> int:
     options = parse_arguments(sys.argv[1:])
     from lowsnr_bringup.bags.reader import Bag
     from lowsnr_bringup.run.results_folder import FRAMES_FILE
+    from lowsnr_common.settings.text import one_line
     from lowsnr_eval.scoring.final_summary import summarize_folder
     try:
         if (options.bag / FRAMES_FILE).is_file():
@@ -63,7 +64,7 @@ def main() -> int:
                 for note in bag.notes:
                     print(f'evaluate.py: {note}', file=sys.stderr)
     except (OSError, ValueError) as error:
-        print(f'evaluate.py: {" ".join(str(error).split())}', file=sys.stderr)
+        print(f'evaluate.py: {one_line(error)}', file=sys.stderr)
         return USAGE
     report(folder)
     return DONE
@@ -99,6 +100,7 @@ def score(bag: 'Bag', options: argparse.Namespace) -> Path:
 def report(folder: Path) -> None:
     """Print the figures and write the page that shows the run."""
     from lowsnr_bringup.run.results_folder import SUMMARY_FILE
+    from lowsnr_common.settings.text import one_line
     from lowsnr_eval.report.run_report import write_run_report
     from lowsnr_eval.report.table import format_table
 
@@ -108,7 +110,7 @@ def report(folder: Path) -> None:
     try:
         print(f'report: {write_run_report(folder, command)}')
     except (OSError, ValueError) as error:
-        print(f'evaluate.py: no report: {" ".join(str(error).split())}', file=sys.stderr)
+        print(f'evaluate.py: no report: {one_line(error)}', file=sys.stderr)
 
 
 if __name__ == '__main__':

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from lowsnr_eval.study.study import Study
     from lowsnr_eval.study.study import Thresholds
     from lowsnr_eval.study.study_folder import StudyFolder
+    from lowsnr_eval.study.workers import TlsFiles
     from lowsnr_eval.study.workers import Workers
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -44,7 +45,12 @@ def parse_arguments(arguments: list[str]) -> argparse.Namespace:
     where.add_argument('--jobs', type=int, metavar='J',
                        help='number of local processes (default: one for each core)')
     where.add_argument('--scheduler', metavar='ADDRESS',
-                       help='run on the workers of this dask scheduler, HOST:PORT')
+                       help='run on the workers of this dask scheduler, HOST:PORT; on another '
+                       'machine it needs TLS')
+    for name, what in (('ca', 'certificate of the authority'), ('cert', 'own certificate'),
+                       ('key', 'own key')):
+        parser.add_argument(f'--tls-{name}', type=Path, metavar='PEM',
+                            help=f'{what} for the connection to the scheduler')
     parser.add_argument('--results', type=Path, default=ROOT / 'results', metavar='DIR',
                         help='folder for the folders exampleN (default: results)')
     parser.add_argument('--resume', action='store_true',
@@ -69,12 +75,16 @@ def reproduce(arguments: list[str]) -> int:
         for study in studies:
             check_folder(options.results / study.example.scenario, study, options.resume)
         jobs = options.jobs or len(os.sched_getaffinity(0))
-        with workers(jobs, options.scheduler, log) as found:
+        with workers(jobs, options.scheduler, log, tls_files(options)) as found:
             command = shlex.join(['python', 'scripts/reproduce.py', *arguments])
             return run(found, studies, options, command)
     except ValueError as error:
         print(f'reproduce.py: {error}', file=sys.stderr)
         return USAGE
+    except OSError as error:
+        print(f'reproduce.py: {error.filename or options.results}: {error.strerror or error}; '
+              'finished runs are kept, --resume continues', file=sys.stderr)
+        return FAILED
 
 
 def check(options: argparse.Namespace) -> None:
@@ -83,6 +93,17 @@ def check(options: argparse.Namespace) -> None:
         value = getattr(options, name)
         if value is not None and value < least:
             raise ValueError(f'--{name} {value}: must be at least {least}')
+
+
+def tls_files(options: argparse.Namespace) -> 'TlsFiles | None':
+    """Return the files of the connection to a scheduler; None if there are none."""
+    from lowsnr_eval.study.workers import TlsFiles
+    files = TlsFiles(options.tls_ca, options.tls_cert, options.tls_key)
+    if not any(files):
+        return None
+    if options.scheduler is None or not all(files):
+        raise ValueError('--tls-ca, --tls-cert and --tls-key belong together, with --scheduler')
+    return files
 
 
 def log(text: str) -> None:
@@ -111,7 +132,7 @@ def run(
     from lowsnr_eval.report.study_report import claims_markdown
     from lowsnr_eval.study.reproduction import calibrate_all
     from lowsnr_eval.study.study_folder import open_folder
-    folders = [open_folder(options.results / study.example.scenario, study, options.resume)
+    folders = [open_folder(options.results / study.example.scenario, study, options.resume, log)
                for study in studies]
     claims: list[dict[str, Any]] = []
 

@@ -65,8 +65,7 @@ def parse_arguments() -> tuple[argparse.Namespace, list[str]]:
     )
     parser.add_argument(
         '--slow', action='store_true',
-        help='run also the tests marked slow, the heaviest Monte Carlo runs, and print the '
-        'coverage')
+        help='run also the tests marked slow and all fuzzed inputs, and print the coverage')
     parser.add_argument(
         '--coverage', action='store_true',
         help='print the share of lines of each package that the tests run; it takes about half '
@@ -83,6 +82,8 @@ def pytest_arguments(options: argparse.Namespace) -> list[str]:
         '--no-loadscope-reorder']  # test/conftest.py sorts the tests, and keeps some together
     if not options.slow:
         arguments += ['-m', 'not slow']
+    else:
+        os.environ.setdefault('LOWSNR_FUZZ', '1')  # all inputs; half of them otherwise
     if options.coverage or options.slow:
         arguments += ['--cov', '--cov-report=']  # of the packages that pyproject.toml names
     return arguments

@@ -85,7 +85,7 @@ def grid_shape() -> tuple[int, int]:
     return 7, 5
 
 
-@pytest.fixture
+@pytest.fixture(scope='session')
 def require_program() -> Callable[[str], str]:
     """
     Return a function that gives a program's path, or ends the test without the program.

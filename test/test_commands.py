@@ -61,7 +61,7 @@ def run(*arguments, linters=None, **environ):
     return process.returncode, (out.splitlines() or [''])[-1], err
 
 
-@pytest.mark.parametrize('workers', [0, 2])
+@pytest.mark.parametrize('workers', [2, pytest.param(0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(('body', 'code', 'verdict'), [
     ('pass', 0, 'passed'),
     ('raise AssertionError', 1, 'FAILED: pytest'),
@@ -109,6 +109,7 @@ def test_slow_tests_run_on_request(tmp_path, options, code):
     assert run('-n0', *options, tmp_path, COVERAGE_FILE=str(tmp_path / 'coverage'))[0] == code
 
 
+@pytest.mark.slow
 def test_coverage_has_a_line_for_each_package(tmp_path):
     (tmp_path / 'test_one.py').write_text(
         'def test_one():\n    from lowsnr_common.core import motion\n')

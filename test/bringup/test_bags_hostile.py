@@ -1,9 +1,12 @@
 """Bags made to take all memory, to go on without end, or to carry impossible values."""
 
 from contextlib import closing
+import shutil
 import sqlite3
 import struct
+import tempfile
 import tracemalloc
+from types import SimpleNamespace
 
 from lowsnr_bringup.bags.errors import UnusableFile
 from lowsnr_bringup.bags.mcap_storage import MAGIC
@@ -86,3 +89,25 @@ def test_values_that_a_run_cannot_have_are_named(tmp_path):
         bag.add_topic('/detections', 'vision_msgs/msg/Detection2DArray')
     with Bag(tmp_path / 'bag') as bag, pytest.raises(ValueError, match='seed'):
         find_chains(bag, {})
+
+
+@pytest.fixture
+def packed(tmp_path):
+    """Return a bag of which each file is compressed."""
+    with BagWriter(tmp_path / 'bag') as bag:
+        bag.add_topic('/detections', 'vision_msgs/msg/Detection2DArray')
+    path = tmp_path / 'bag.mcap.zstd'
+    path.write_bytes(zstandard.compress((tmp_path / 'bag' / 'bag.mcap').read_bytes()))
+    return path
+
+
+@pytest.mark.parametrize('size', [0, 2**26 + 10])
+def test_bag_that_unpacks_to_more_than_the_disk_has_is_rejected(packed, monkeypatch, size):
+    assert rejection(packed)[1] == 'no topic'
+    monkeypatch.setattr(shutil, 'disk_usage', lambda _: SimpleNamespace(free=size))
+    assert rejection(packed) == (packed, 'no room')
+
+
+def test_bag_without_a_folder_to_unpack_it_is_rejected(packed, monkeypatch, tmp_path):
+    monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path / 'none'))
+    assert rejection(packed) == (packed, 'no room')

@@ -52,10 +52,10 @@ def test_without_a_conditioner_every_reader_of_frames_subscribes_to_the_camera()
 
 def test_no_node_waits_for_a_sensor_or_for_truth():
     evaluator = plan().parameters['/evaluator']
-    assert (evaluator['consumers'], evaluator['truth']) == (1, False)
+    assert (evaluator['consumers'], evaluator['truth']) == (0, False)
     assert evaluator['scenario'] == 'camera/image_raw'
     own = plan_run(RunOptions(detectors=['sdt'], scenario='example3'), CONFIG).parameters
-    assert own['/evaluator']['consumers'] == 2
+    assert own['/evaluator']['consumers'] == 1
 
 
 def test_size_noise_and_cadence_are_those_of_the_conditioned_camera():

@@ -16,6 +16,7 @@ def read(path):
     frames = list(reader)
     assert {frame.shape for frame in frames} == {reader.shape}
     assert {frame.dtype for frame in frames} == {reader.dtype}
+    np.testing.assert_array_equal(frames, list(reader))  # which reads them again
     return reader, frames
 
 

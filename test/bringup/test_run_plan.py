@@ -90,7 +90,7 @@ def test_every_node_waits_for_all_its_subscribers(detectors, viewed):
         space = f'/{name}' if chains > 1 else ''
         assert own[f'{space}/{name}_detector']['consumers'] == per_chain + 1
         assert own[f'{space}/tracker']['consumers'] == per_chain
-    assert own['/evaluator']['consumers'] == 2  # bring-up, sensor
+    assert own['/evaluator']['consumers'] == 1  # the sensor
 
 
 def test_tracker_gets_the_number_of_frames_that_share_a_declaration():

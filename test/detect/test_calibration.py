@@ -3,13 +3,13 @@
 from concurrent.futures import ThreadPoolExecutor
 import json
 import os
+import re
 import subprocess
 import sys
 
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.settings.node_settings import DetectionSettings
 from lowsnr_detect.calibration import cache as calibration_cache
-from lowsnr_detect.calibration.curve import curve_from_record
 from lowsnr_detect.calibration.operating_point import at_operating_point
 from lowsnr_detect.calibration.operating_point import calibrated
 from lowsnr_detect.calibration.operating_point import logged_progress
@@ -77,44 +77,96 @@ def test_changed_code_calibrates_again(tmp_path, monkeypatch):
     assert calibration_cache.cache_key(SDT, {}) != before
 
 
-@pytest.mark.parametrize('content', ['', '{"threshold": 3.0', '[]', '{}', '"text"', '\x00'])
-def test_file_that_is_no_record_is_replaced(tmp_path, content):
+def spoil_text(text):
+    """Return a function that puts a text in place of an entry."""
+    return lambda path: path.write_text(text)
+
+
+def spoil_value(name, value, place=None):
+    """Return a function that changes one value, or one item of it, in an entry."""
+    def spoil(path):
+        found = json.loads(path.read_text())
+        if place is None:
+            found['record'][name] = value
+        else:
+            found['record'][name][place] = value
+        path.write_text(json.dumps(found))
+    return spoil
+
+
+def shift(path):
+    """Set all thresholds of an entry to one that is within an interval as wrong as itself."""
+    found = json.loads(path.read_text())
+    for name in ('threshold', 'low', 'high'):
+        found['record'][name] = [-50.0] * len(found['record'][name])
+    path.write_text(json.dumps(found))
+
+
+SPOILT = {
+    **{f'text {text[:12]!r}': spoil_text(text) for text in (
+        '', '{"threshold": 3.0', '[]', '{}', '"text"', '\x00', '[' * 100_000, '9' * 5000,
+        '{"seal": NaN, "record": {"threshold": NaN}}', '{"seal": 1, "record": 1}')},
+    'no text': lambda path: path.write_bytes(b'\xff\xfe'),
+    'cut': lambda path: path.write_bytes(path.read_bytes()[:-40]),
+    'infinite': spoil_value('threshold', float('inf'), 0),
+    'NaN': spoil_value('threshold', float('nan'), 5),
+    'not a number': spoil_value('threshold', '3', 0),
+    'out of its interval': spoil_value('threshold', -50.0, 5),
+    'of another shape': spoil_value('shape', [5, 7]),
+    'of other runs': spoil_value('runs', 41),
+    'missing': spoil_value('log_odds', None),
+    'all -50': shift,
+}
+
+
+@pytest.mark.parametrize('spoil', SPOILT.values(), ids=SPOILT)
+def test_entry_that_is_not_as_it_was_written_is_named_and_made_again(tmp_path, spoil):
     found = calibrated(CDT(), 0.1, SHAPE, folder=tmp_path, **FEW)
     (path,) = tmp_path.iterdir()
     sound = path.read_text()
-    path.write_text(content)
-    assert calibrated(CDT(), 0.1, SHAPE, folder=tmp_path, **FEW) == found
+    spoil(path)
+    with pytest.warns(UserWarning, match=re.escape(str(path))) as warned:
+        assert calibrated(CDT(), 0.1, SHAPE, folder=tmp_path, **FEW) == found
+    assert len(warned) == 1
     assert path.read_text() == sound
+    assert list(tmp_path.iterdir()) == [path]
 
 
-@pytest.mark.parametrize(('name', 'value'), [
-    ('runs', 0), ('runs', 40.0), ('runs', True), ('seed', -1), ('frames', None), ('shape', [7]),
-    ('shape', [5, 7]), ('simulated_shape', [7, 0]), ('simulated_shape', 7), ('log_odds', []),
-    ('threshold', [1.0]), ('threshold', 'high'), ('low', None), ('high', [None])])
-def test_record_with_an_impossible_value_is_replaced(tmp_path, name, value):
+def test_entry_of_another_detector_is_not_used(tmp_path):
+    calibrated(SDT(), 0.1, SHAPE, folder=tmp_path, **FEW)
+    (other,) = tmp_path.iterdir()
+    found = calibrated(CDT(), 0.1, SHAPE, folder=tmp_path, **FEW)
+    (path,) = set(tmp_path.iterdir()) - {other}
+    path.write_text(other.read_text())
+    with pytest.warns(UserWarning, match=re.escape(str(path))):
+        assert calibrated(CDT(), 0.1, SHAPE, folder=tmp_path, **FEW) == found
+
+
+def test_folder_in_place_of_an_entry_costs_only_time(tmp_path):
+    found = calibrated(CDT(), 0.1, SHAPE, folder=tmp_path, **FEW)
+    (path,) = tmp_path.iterdir()
+    path.unlink()
+    (path / 'more').mkdir(parents=True)
+    with pytest.warns(UserWarning, match=re.escape(str(path))) as warned:
+        assert calibrated(CDT(), 0.1, SHAPE, folder=tmp_path, **FEW) == found
+    assert len(warned) == 2
+    assert list(tmp_path.iterdir()) == [path]  # and no draft
+
+
+def test_dangling_link_in_place_of_an_entry_is_replaced(tmp_path):
     found = calibrated(CDT(), 0.1, SHAPE, folder=tmp_path, **FEW)
     (path,) = tmp_path.iterdir()
     sound = path.read_text()
-    record = {**json.loads(sound), name: value}
-    with pytest.raises(ValueError, match=name):
-        curve_from_record(record, SHAPE)
-    path.write_text(json.dumps(record))
+    path.unlink()
+    path.symlink_to('nowhere')
     assert calibrated(CDT(), 0.1, SHAPE, folder=tmp_path, **FEW) == found
     assert path.read_text() == sound
+    assert not path.is_symlink()
 
 
-@pytest.mark.parametrize(('name', 'place', 'value'), [
-    ('log_odds', 3, 99.0), ('threshold', 5, 1e3), ('threshold', 5, float('nan')),
-    ('low', 7, 1e3), ('high', 7, -1e3), ('measured_prob', 2, 1.5), ('threshold', 0, '3')])
-def test_record_with_one_impossible_point_is_replaced(tmp_path, name, place, value):
-    found = calibrated(CDT(), 0.1, SHAPE, folder=tmp_path, **FEW)
-    (path,) = tmp_path.iterdir()
-    record = json.loads(path.read_text())
-    record[name][place] = value
-    with pytest.raises(ValueError, match=name):
-        curve_from_record(record, SHAPE)
-    path.write_text(json.dumps(record))
-    assert calibrated(CDT(), 0.1, SHAPE, folder=tmp_path, **FEW) == found
+def test_cache_folder_is_the_users_alone(tmp_path):
+    calibrated(CDT(), 0.1, SHAPE, folder=tmp_path / 'cache', **FEW)
+    assert (tmp_path / 'cache').stat().st_mode & 0o777 == 0o700
 
 
 def test_folder_that_cannot_be_written_is_a_warning(tmp_path):
@@ -130,6 +182,13 @@ def test_default_folder_is_the_users_cache(tmp_path, monkeypatch):
     monkeypatch.delenv('XDG_CACHE_HOME')
     monkeypatch.setenv('HOME', '/home/somebody')
     assert str(calibration_cache.default_folder()) == '/home/somebody/.cache/lowsnr'
+
+
+def test_user_without_a_home_has_a_cache_folder(monkeypatch):
+    for name in ('XDG_CACHE_HOME', 'HOME'):
+        monkeypatch.delenv(name)
+    monkeypatch.setattr(os, 'getuid', lambda: 987_654)  # which the system does not know
+    assert str(calibration_cache.default_folder()) == '/.cache/lowsnr'
 
 
 AT_ONCE = """

@@ -2,8 +2,12 @@
 
 import array
 
+from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import KeyValue
 from fuzz.strategies import names
 from fuzz.strategies import numbers
+from fuzz.strategies import whole
 from geometry_msgs.msg import PoseWithCovariance
 from hypothesis import strategies as st
 from nav_msgs.msg import Odometry
@@ -125,3 +129,27 @@ def odometries(draw: st.DrawFn) -> Odometry:
 steps_ns = st.sampled_from([1_000_000_000] * 6 + [1, 0, -1, -10**9, 10**12, 2**61])
 stamps_ns = st.integers(1, 30).map(lambda k: k * 10**9) | st.sampled_from(
     [0, 1, -1, -10**9, -2**31 * 10**9, 2**31 * 10**9 - 1])
+
+
+_texts = names.filter(sendable) | numbers.map(str) | st.integers(0, 99).map(str) | (
+    whole.filter(lambda value: abs(value) < 10**400).map(str))
+_keys = st.sampled_from(['frame', 'detections', 'tracks', 'started_s_ago']) | _texts
+# Mostly sound, so that many are read.
+_counts = st.integers(0, 7).flatmap(
+    lambda which: st.integers(1, 99).map(str) if which else _texts)
+_right = st.fixed_dictionaries(dict.fromkeys(('frame', 'detections', 'tracks'), _counts))
+_values = st.dictionaries(_keys, _texts, max_size=4) | _right | (
+    st.fixed_dictionaries({'started_s_ago': _texts}))
+
+
+@st.composite
+def records(draw: st.DrawFn) -> DiagnosticArray:
+    """Return an array of statuses that anybody could publish."""
+    message = DiagnosticArray()
+    message.header.stamp.sec = draw(st.sampled_from([0, 1, -1, 2**31 - 1, -2**31]))
+    message.header.stamp.nanosec = draw(st.sampled_from([0, 10**9 - 1, 10**9, 2**32 - 1]))
+    for _ in range(draw(st.integers(0, 3))):
+        pairs = [KeyValue(key=key, value=value) for key, value in draw(_values).items()]
+        message.status.append(DiagnosticStatus(
+            name=draw(_texts | st.just('/evaluator')), values=pairs))
+    return message

@@ -9,24 +9,32 @@ from fuzz.counting import fuzz
 from fuzz.messages import arrays
 from fuzz.messages import images
 from fuzz.messages import odometries
+from fuzz.messages import records
 from fuzz.messages import stamped
 from fuzz.messages import steps_ns
+from graph_runs import ROOT
 from hypothesis import given
 from hypothesis import settings
 from hypothesis import strategies as st
 from lowsnr_common.ros.messages import frame_to_image
+from lowsnr_common.ros.messages import stamp_key
 from lowsnr_detect.node.detector_node import DetectorNode
 from lowsnr_eval.evaluator_node import EvaluatorNode
 from lowsnr_eval.viewer_node import ViewerNode
 from lowsnr_sensor.conditioner_node import ConditionerNode
+from lowsnr_sensor.sensor_node import SensorNode
 from lowsnr_track.tracker_node import TrackerNode
 import numpy as np
 import pytest
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
 from rclpy.serialization import serialize_message
 from ros_nodes import ros_context
 from tally import INPUTS
+from vision_msgs.msg import Detection2D
+from vision_msgs.msg import Detection2DArray
+from vision_msgs.msg import ObjectHypothesisWithPose
 
 pytestmark = pytest.mark.filterwarnings('ignore::RuntimeWarning')
 NANO = 1_000_000_000
@@ -66,10 +74,13 @@ FEW = {'tbd1': {'particles': 200}, 'mmtbd2': {'particles': 200}}
 NODES = {name: (partial(DetectorNode, name), SMALL | FEW.get(name, {})) for name in DETECTORS} | {
     'conditioner': (ConditionerNode, {}), 'viewer': (ViewerNode, {'side': 40}),
     'tracker': (TrackerNode, {'rows': 16, 'cols': 24, 'particles': 50}),
-    'evaluator': (EvaluatorNode, {'detectors': ['sdt'], 'scenario': 's'})}
+    'evaluator': (EvaluatorNode, {'detectors': ['sdt'], 'scenario': 's'}),
+    'sensor': (SensorNode, {
+        'scenario': str(ROOT / 'config' / 'scenarios' / 'example1.yaml'), 'lockstep': True,
+        'loop': True})}
 TOPICS = {
     'conditioner': ('image_raw', 'ground_truth', 'ground_truth/odometry'),
-    'tracker': ('detections',),
+    'tracker': ('detections',), 'sensor': ('scored',),
     'viewer': ('image_raw', 'ground_truth', 'detections', 'tracks', 'tracks/odometry'),
     'evaluator': ('image_raw', 'ground_truth', 'ground_truth/odometry', 'detections',
                   'detections/odometry', 'tracks', 'tracks/odometry')}
@@ -84,6 +95,8 @@ def message(topic):
     """Return the strategy of the messages of a topic."""
     if topic == 'image_raw':
         return small_images
+    if topic == 'scored':
+        return records()
     return odometries() if topic.endswith('odometry') else arrays()
 
 
@@ -129,6 +142,36 @@ def test_evaluator_goes_on(feed, sent):
         feed(*each)
     feed.node.trigger_deactivate()
     feed.node.trigger_activate()
+
+
+@pytest.mark.parametrize('feed', ['sensor'], indirect=True)
+@fuzz('messages to the sensor', 720, sent=sequences(*TOPICS['sensor']))
+def test_sensor_sends_a_frame_for_each_sound_record_of_the_last_alone(feed, sent):
+    if not feed.node.counts['out']:
+        executor = SingleThreadedExecutor(context=feed.node.context)
+        executor.add_node(feed.node)
+        while not feed.node.counts['out']:
+            executor.spin_once()
+        executor.remove_node(feed.node)
+    for each in sent:
+        newest, refused = feed.node.counts['out'], feed.node.counts['refused']
+        feed.stamp_ns = (newest - 1) * NANO
+        feed(*each)
+        awaited = stamp_key(each[2].header.stamp) == newest * NANO
+        sound = feed.node.counts['refused'] == refused
+        assert feed.node.counts['out'] == newest + (awaited and sound)
+
+
+@pytest.mark.parametrize('feed', ['tracker', 'viewer', 'evaluator'], indirect=True)
+def test_ten_thousand_entries_of_extreme_numbers_end_nothing(feed):
+    item = Detection2D(id='<b>&lt;\x1b[2J', results=[ObjectHypothesisWithPose()])
+    item.bbox.center.position.x, item.bbox.center.position.y = 1e-320, 3.0
+    item.results[0].hypothesis.score = 5e-324
+    item.results[0].pose.covariance = np.full(36, 1e308)
+    for topic in TOPICS[feed.node.get_name()]:
+        if not topic.endswith(('odometry', 'raw')):
+            feed(NANO, topic, Detection2DArray(detections=[item] * 10_000))
+            INPUTS['arrays of 10,000'] += 1
 
 
 def drawn(topic):

@@ -1,5 +1,6 @@
 """The evaluator node: restarted chains, messages that it rejects, its own lifecycle."""
 
+from bringup_end import BringupEnd
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from lowsnr_common.ros.messages import stamp_from_seconds
@@ -39,9 +40,8 @@ def graph(context, evaluator, spin):
     node.create_subscription(
         DiagnosticArray, 'scored', lambda message: scored.append(
             FrameScored.from_message(message)), reliable(100))
-    kinds = dict.fromkeys(TOPICS, Detection2DArray) | {'restarts': DiagnosticArray}
-    publishers = {topic: node.create_publisher(kind, topic, reliable(100))
-                  for topic, kind in kinds.items()}
+    publishers = {topic: node.create_publisher(Detection2DArray, topic, reliable(100))
+                  for topic in TOPICS}
     spin(lambda: evaluator.count_subscribers('scored')
          and all(each.get_subscription_count() for each in publishers.values()), evaluator, node)
     yield publishers, scored
@@ -71,19 +71,21 @@ def missing(evaluator, graph, spin):
 
 @pytest.mark.parametrize('started_s_ago', [0.0, 60.0], ids=['before the start', 'during it'])
 def test_evaluator_does_not_wait_for_a_frame_that_a_dead_node_missed(
-        graph, missing, spin, started_s_ago):
-    publishers, scored = graph
-    publishers['restarts'].publish(restart(started_s_ago))
-    spin(lambda: [record.stamp_ns for record in scored] == [SECOND])
+        evaluator, graph, missing, spin, started_s_ago):
+    _, scored = graph
+    with BringupEnd(evaluator) as bringup:
+        bringup.say('restarts', restart(started_s_ago))
+        spin(lambda: [record.stamp_ns for record in scored] == [SECOND])
 
 
 def test_evaluator_waits_for_a_frame_that_a_starting_node_received(
-        graph, missing, spin, tmp_path, monkeypatch):
+        evaluator, graph, missing, spin, tmp_path, monkeypatch):
     monkeypatch.setattr(evaluator_node, '_CAUGHT_UP_S', 60.0)
     publishers, scored = graph
-    publishers['restarts'].publish(restart(60.0))
-    with pytest.raises(AssertionError):
-        spin(lambda: scored, within=3)
+    with BringupEnd(evaluator) as bringup:
+        bringup.say('restarts', restart(60.0))
+        with pytest.raises(AssertionError):
+            spin(lambda: scored, within=3)
     for topic in TOPICS[1:]:
         publishers[topic].publish(array(1.0))
     spin(lambda: [record.stamp_ns for record in scored] == [SECOND])
@@ -92,19 +94,32 @@ def test_evaluator_waits_for_a_frame_that_a_starting_node_received(
     assert ',,,,,,' not in table.read_text()
 
 
-def test_scored_frame_is_announced_with_its_counts(graph, spin):
+def test_stranger_does_not_make_the_evaluator_give_up_an_answer(graph, missing, spin, context):
+    _, scored = graph
+    stranger = Node('stranger', context=context)
+    publisher = stranger.create_publisher(DiagnosticArray, 'restarts', reliable(100))
+    publisher.publish(restart(60.0))
+    assert not publisher.get_subscription_count()
+    with pytest.raises(AssertionError):
+        spin(lambda: scored, within=20)
+    stranger.destroy_node()
+
+
+def test_scored_frame_is_announced_with_its_counts(evaluator, graph, spin):
     publishers, scored = graph
     entries = [Detection2D(results=[ObjectHypothesisWithPose()]) for _ in range(3)]
-    publishers['ground_truth'].publish(array(2.5))
-    publishers['detections'].publish(Detection2DArray(
-        header=Header(stamp=stamp_from_seconds(2.5)), detections=entries))
-    publishers['tracks'].publish(array(2.5))
-    spin(lambda: scored)
+    with BringupEnd(evaluator) as bringup:
+        publishers['ground_truth'].publish(array(2.5))
+        publishers['detections'].publish(Detection2DArray(
+            header=Header(stamp=stamp_from_seconds(2.5)), detections=entries))
+        publishers['tracks'].publish(array(2.5))
+        spin(lambda: scored)
+        told, = bringup.heard('scored', DiagnosticArray)
     assert scored == [FrameScored(2_500_000_000, 1, (ChainCounts('cdt', 3, 0),))]
+    assert FrameScored.from_message(told) == scored[0]
 
 
 @pytest.mark.parametrize(('topic', 'message', 'reason'), [
-    ('restarts', DiagnosticArray(), 'number of nodes'),
     ('detections', array(1.0), 'repeated'),
     # A stamp that no message can carry on.
     ('ground_truth', Detection2DArray(

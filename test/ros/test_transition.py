@@ -1,61 +1,55 @@
-"""A transition is made once, also where the answer to the request is lost."""
+"""Transitions that bring-up asks for over its line: made, or rejected, and answered either way."""
 
-from types import SimpleNamespace
-
+from bringup_end import BringupEnd
 from lifecycle_msgs.msg import State
 from lifecycle_msgs.msg import Transition
-from lowsnr_bringup.ros import transition
+from lifecycle_msgs.msg import TransitionEvent
 from lowsnr_bringup.ros.transition import PendingTransition
+from lowsnr_track.tracker_node import TrackerNode
 import pytest
+from rclpy.parameter import Parameter
+from vision_msgs.msg import Detection2DArray
+
+CONFIGURE, ACTIVATE = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE
+DEACTIVATE = Transition.TRANSITION_DEACTIVATE
 
 
-class Server:
-    """The services of a node, whose answers may be lost."""
+@pytest.fixture
+def ask(context, spin):
+    """Return a function that asks a node for a transition, and returns whether it made it."""
+    node = TrackerNode(context=context, parameter_overrides=[
+        Parameter('rows', value=16), Parameter('cols', value=24),
+        Parameter('autostart', value=False)])
+    node.create_publisher(Detection2DArray, 'detections', 10)  # a node of a run waits for it
+    spin(lambda: True, node)
+    with BringupEnd(node) as bringup:
+        def ask_for(transition):
+            before = len(bringup.heard('change_state', TransitionEvent))
+            pending = PendingTransition(bringup.line, transition)
+            assert pending.poll() is None
+            spin(lambda: len(bringup.heard('change_state', TransitionEvent)) > before)
+            pending.answer(bringup.heard('change_state', TransitionEvent)[-1])
+            return pending.poll()
 
-    def __init__(self, losses=0, loses_request=False, refuses=False):
-        self.state = State.PRIMARY_STATE_UNCONFIGURED
-        self.losses, self.loses_request, self.refuses = losses, loses_request, refuses
-
-    def client(self, handle):
-        """Return a client whose calls the handler answers at once, or never."""
-        def call(request):
-            lost, self.losses = self.losses > 0, self.losses - 1
-            answer = None if lost and self.loses_request else handle(request)
-            return SimpleNamespace(done=lambda: not lost, result=lambda: answer)
-        return SimpleNamespace(service_is_ready=lambda: True, call_async=call)
-
-    def change(self, request):
-        """Make the transition where it can be made from the present state."""
-        possible = self.state == State.PRIMARY_STATE_UNCONFIGURED and not self.refuses
-        if possible:
-            self.state = State.PRIMARY_STATE_INACTIVE
-        return SimpleNamespace(success=possible)
-
-    def get(self, _):
-        """Return the state."""
-        return SimpleNamespace(current_state=SimpleNamespace(id=self.state))
+        ask_for.state = lambda: bringup.heard('change_state', TransitionEvent)[-1].goal_state.id
+        yield ask_for
+    node.destroy_node()
 
 
-@pytest.mark.parametrize('server', [
-    Server(), Server(losses=1), Server(losses=3), Server(losses=1, loses_request=True),
-    Server(losses=4, loses_request=True)])
-def test_transition_is_made_whatever_is_lost(monkeypatch, server):
-    monkeypatch.setattr(transition, '_ASK_AGAIN_AFTER_S', 0.0)
-    assert outcome(server) is True
-    assert server.state == State.PRIMARY_STATE_INACTIVE
+def test_node_makes_transitions_and_answers_with_its_state(ask):
+    for transition, state in (
+            (CONFIGURE, State.PRIMARY_STATE_INACTIVE), (ACTIVATE, State.PRIMARY_STATE_ACTIVE),
+            (DEACTIVATE, State.PRIMARY_STATE_INACTIVE), (ACTIVATE, State.PRIMARY_STATE_ACTIVE)):
+        assert ask(transition)
+        assert ask.state() == state
 
 
-@pytest.mark.parametrize('losses', [0, 1, 2])
-def test_refusal_is_known(monkeypatch, losses):
-    monkeypatch.setattr(transition, '_ASK_AGAIN_AFTER_S', 0.0)
-    assert outcome(Server(losses=losses, refuses=True)) is False
+def test_transition_that_the_state_does_not_allow_is_rejected_and_ends_nothing(ask):
+    assert ask(ACTIVATE) is False
+    assert ask.state() == State.PRIMARY_STATE_UNCONFIGURED
+    assert ask(CONFIGURE)
 
 
-def outcome(server):
-    """Return how configuring the server ends."""
-    pending = PendingTransition(
-        server.client(server.change), server.client(server.get), Transition.TRANSITION_CONFIGURE)
-    for _ in range(50):
-        if (made := pending.poll()) is not None:
-            return made
-    return None
+def test_transition_that_an_operator_has_made_counts_as_made(ask):
+    assert ask(CONFIGURE)
+    assert ask(CONFIGURE)

@@ -1,11 +1,15 @@
-"""A checkout without an environment, for the tests of the environment."""
+"""A checkout without an environment and an installed ROS 2, for the tests of the environment."""
 
+import importlib.machinery
 from pathlib import Path
 import shutil
 
+import _venv
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
+ROS = ('rclpy', 'diagnostic_msgs', 'geometry_msgs', 'lifecycle_msgs', 'nav_msgs', 'rosgraph_msgs',
+       'sensor_msgs', 'std_msgs', 'vision_msgs', 'visualization_msgs')
 # The first start pretends to be an older Python; the one that replaces it does not.
 SCRIPT = """
 import os, sys
@@ -29,3 +33,19 @@ def checkout(tmp_path):
         shutil.copy(ROOT / 'scripts' / f'{name}.py', root / 'scripts')
     (root / 'scripts' / 'script.py').write_text(SCRIPT)
     return root
+
+
+@pytest.fixture
+def ros(tmp_path):
+    """Return a folder that looks like an installed ROS 2 with all packages."""
+    folder = tmp_path / 'ros'
+    for name in ROS:
+        (folder / name).mkdir(parents=True)
+        (folder / name / '__init__.py').touch()
+    suffix = importlib.machinery.EXTENSION_SUFFIXES[0]
+    (folder / 'rclpy' / f'_rclpy_pybind11{suffix}').touch()
+    for name in _venv.packages_of({'runtime'}):
+        info = folder / f'{name.replace("-", "_")}-1.dist-info'
+        info.mkdir()
+        (info / 'METADATA').write_text(f'Name: {name}\nVersion: 1\n')
+    return folder

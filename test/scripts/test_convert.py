@@ -4,7 +4,9 @@ from pathlib import Path
 import subprocess
 import sys
 
+import convert as make_bag
 import cv2
+from lowsnr_bringup.bags.image_files import FrameReader
 import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
@@ -122,6 +124,17 @@ def test_bag_that_exists_is_left_alone(tmp_path, archive):
     assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
     assert str(tmp_path / 'bag') in done.stderr
     assert [item.name for item in (tmp_path / 'bag').iterdir()] == ['mine']
+
+
+@pytest.mark.parametrize(('count', 'fits'), [(3, True), (None, True), (10**9, False)])
+def test_frames_that_the_disk_has_no_room_for_are_not_begun(tmp_path, count, fits):
+    frames = FrameReader(lambda: iter(()), (1024, 1024), np.dtype(np.uint8), count)
+    out = tmp_path / 'new' / 'bag'
+    if fits:
+        make_bag.check_room(out, frames)
+    else:
+        with pytest.raises(ValueError, match=f'^{out}: .* {10**9 * (2**20 + 150)} bytes'):
+            make_bag.check_room(out, frames)
 
 
 def check_rejected(done, culprit, bag):

@@ -3,7 +3,6 @@
 import ast
 from contextlib import contextmanager
 from contextlib import suppress
-import importlib.machinery
 import os
 from pathlib import Path
 import shutil
@@ -13,7 +12,6 @@ import sys
 import time
 
 import _steps
-import _venv
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -22,24 +20,6 @@ NO_NETWORK = {
     'PIP_CONFIG_FILE': os.devnull, 'PIP_FIND_LINKS': '', 'PIP_INDEX_URL': 'http://127.0.0.1:9/',
     'PIP_NO_CACHE_DIR': '1', 'PIP_RETRIES': '0',
 }
-ROS = ('rclpy', 'diagnostic_msgs', 'geometry_msgs', 'lifecycle_msgs', 'nav_msgs', 'rosgraph_msgs',
-       'sensor_msgs', 'std_msgs', 'vision_msgs', 'visualization_msgs')
-
-
-@pytest.fixture
-def ros(tmp_path):
-    """Return a folder that looks like an installed ROS 2 with all packages."""
-    folder = tmp_path / 'ros'
-    for name in ROS:
-        (folder / name).mkdir(parents=True)
-        (folder / name / '__init__.py').touch()
-    suffix = importlib.machinery.EXTENSION_SUFFIXES[0]
-    (folder / 'rclpy' / f'_rclpy_pybind11{suffix}').touch()
-    for name in _venv.packages_of({'runtime'}):
-        info = folder / f'{name.replace("-", "_")}-1.dist-info'
-        info.mkdir()
-        (info / 'METADATA').write_text(f'Name: {name}\nVersion: 1\n')
-    return folder
 
 
 @contextmanager

@@ -59,8 +59,11 @@ def test_environment_without_its_interpreter_is_incomplete(completed, target):
     assert not venv_of(completed).is_complete({'ros'})
 
 
-def test_environment_with_a_broken_stamp_is_incomplete(completed):
-    venv_of(completed).STAMP.write_text('{"key": ')
+@pytest.mark.parametrize('text', [
+    '{"key": ', '[]', '{}', '"text"', 'null', '[' * 100_000, '{"key": 1, "contents": 1}',
+    '\udcff'])
+def test_environment_with_a_broken_stamp_is_incomplete(completed, text):
+    venv_of(completed).STAMP.write_text(text, errors='surrogateescape')
     assert not venv_of(completed).is_complete({'ros'})
 
 

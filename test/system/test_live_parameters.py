@@ -9,7 +9,7 @@ from graph_runs import own_domain
 import pytest
 
 DETECTOR = '/cdt_detector'
-FRAMES = 500
+FRAMES = 300
 
 
 @pytest.fixture

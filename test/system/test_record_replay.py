@@ -25,6 +25,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosReliability
 
 FRAMES = 15
+STORAGES = ['mcap', pytest.param('sqlite3', marks=pytest.mark.slow)]
 MANUAL = ('--set', 'sdt.operating_point=manual', '--set', 'sdt.threshold=4.0')
 RUN = ('--detector', 'sdt', '--lockstep', *MANUAL)
 DATA = ('/image_raw', '/ground_truth', '/detections', '/tracks', '/tracks/tentative', '/clock')
@@ -51,7 +52,7 @@ def recorded(tmp_path_factory):
     return record
 
 
-@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+@pytest.mark.parametrize('storage', STORAGES)
 def test_replay_of_a_recorded_run_gives_the_same_bytes(bringup, recorded, storage):
     bag, live = recorded(storage)
     summary = summarize_recording(bag)
@@ -141,7 +142,7 @@ def wait_for_frames(bag, count):
             found = inspect_bag(bag, '/image_raw', '/ground_truth').frames
 
 
-@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+@pytest.mark.parametrize('storage', STORAGES)
 def test_bag_is_readable_after_the_recorder_was_killed(bringup, tmp_path, storage):
     bag = tmp_path / 'bag'
     run = bringup('--detector', 'cdt', '--loop', '--no-respawn', '--rate', '25',

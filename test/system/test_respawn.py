@@ -17,7 +17,6 @@ from tally import FAULTS
 
 NODES = ('sensor_node', 'detector_node', 'tracker_node', 'evaluator_node')
 LABELS = {'detector_node': 'cdt_detector'}
-FRAMES = 300
 DEATHS = 8
 LOCKSTEP = ('--detector', 'cdt', '--scenario', 'example3', '--snr', '12', '--loop', '--lockstep')
 
@@ -65,7 +64,9 @@ def survivor(tmp_path_factory):
     return survive
 
 
-@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGTERM], ids=['SIGKILL', 'SIGTERM'])
+@pytest.mark.parametrize('number', [
+    pytest.param(signal.SIGKILL, id='SIGKILL'),
+    pytest.param(signal.SIGTERM, id='SIGTERM', marks=pytest.mark.slow)])
 def test_every_node_comes_back(survivor, number):
     run, code, out, _ = survivor(number)
     assert code == 130
@@ -170,9 +171,9 @@ def test_paced_run_counts_what_was_lost(bringup):
 
 def test_a_replay_goes_on_where_its_player_died(bringup, tmp_path):
     bag = tmp_path / 'bag'
-    made = bringup('--detector', 'cdt', '--frames', str(FRAMES), '--loop', '--lockstep',
+    made = bringup('--detector', 'cdt', '--frames', '100', '--loop', '--rate', '100',
                    '--record', str(bag), results='made')
-    made.wait_for_rows(2 * FRAMES)
+    made.wait_for_rows(2 * 200)
     made.process.send_signal(signal.SIGINT)
     assert made.finish()[0] == 130
     run = bringup('--detector', 'cdt', '--replay', str(bag), '--rate', '60', '--respawn')

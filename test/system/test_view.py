@@ -94,6 +94,7 @@ def widowed(tmp_path_factory):
         yield run
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures('widowed')
 def test_viewer_changes_no_result(bringup, watch):
     # Long enough for the viewer and its onlooker to discover each other.

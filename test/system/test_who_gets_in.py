@@ -35,28 +35,21 @@ def start_hosts(results, domain, listens_s, discovery):
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
-@pytest.fixture(scope='module')
-def reached(tmp_path_factory):
-    """Return what reached others of a graph, by setting of discovery; all wait at once."""
+@pytest.fixture
+def reached(tmp_path):
+    """Return a function that gives what reached others of a graph with a setting of discovery."""
     if subprocess.run([*NEW_NETWORK, 'ip', 'link'], capture_output=True, check=False).returncode:
         pytest.skip('needs to make network namespaces, which this machine does not permit')
-    folder, pairs, found = tmp_path_factory.mktemp('hosts'), {}, {}
-    try:
-        for number, (name, setting) in enumerate(DISCOVERY.items()):
-            # Hosts of one machine share its memory: a domain each.
-            pairs[name] = start_hosts(folder / name, own_domain(number), *setting)
-        for name, hosts in pairs.items():
+
+    def look(name):
+        hosts = start_hosts(tmp_path / name, own_domain(), *DISCOVERY[name])
+        try:
             out, err = hosts.communicate(timeout=900.0)
-            found[name] = (hosts.returncode, out, err)
-    finally:
-        for hosts in pairs.values():
+        finally:
             if hosts.poll() is None:
                 hosts.send_signal(signal.SIGINT)  # it ends what it started
                 hosts.wait(60.0)
-
-    def look(name):
-        code, out, err = found[name]
-        assert code == 0, err
+        assert hosts.returncode == 0, err
         return json.loads(out)
     return look
 
@@ -65,14 +58,10 @@ def test_nothing_reaches_another_host_by_default(reached):
     assert reached('default') == {'datagrams': 0, 'neighbour': 1, 'stranger': 0}
 
 
-def test_the_subnet_receives_when_asked_for(reached):
-    found = reached('subnet')
-    assert found.pop('datagrams') > 0
-    assert found == {'neighbour': 1, 'stranger': 1}
-
-
-def test_named_peers_receive(reached):
-    found = reached('peers')
+@pytest.mark.slow
+@pytest.mark.parametrize('setting', ['subnet', 'peers'])
+def test_those_receive_who_are_asked_for(reached, setting):
+    found = reached(setting)
     assert found.pop('datagrams') > 0
     assert found == {'neighbour': 1, 'stranger': 1}
 

@@ -13,6 +13,7 @@ from lowsnr_bringup.bags.replay import played_frames
 from lowsnr_bringup.bags.replay import PlayedFrame
 from lowsnr_common.core.records import Malformed
 from lowsnr_common.ros import messages
+from lowsnr_common.ros.bringup_line import DATA_TIME
 from lowsnr_common.ros.connections import wait_for_readers
 from lowsnr_common.ros.lockstep import Lockstep
 from lowsnr_common.ros.managed_node import ManagedNode
@@ -54,10 +55,8 @@ class PlayerNode(ManagedNode):
             played_frames(self._bag, playing.frames_topic, playing.truth_topic))
         self._image = self.create_publisher(
             Image, 'image_raw', reliable(frame_depth(depth, playing.rows, playing.cols)))
-        self._data_time = self.create_publisher(Clock, '/clock', reliable(depth))
-        self.outputs = {
-            self._image: self.settings.consumers,
-            self._data_time: bool(self.settings.consumers)}
+        self._data_time = self.create_publisher(Clock, DATA_TIME, reliable(depth))
+        self.outputs = {self._image: self.settings.consumers, self._data_time: 0}
         if playing.truth_topic:
             self._array = self.create_publisher(
                 Detection2DArray, 'ground_truth', reliable(depth))
@@ -120,7 +119,9 @@ class PlayerNode(ManagedNode):
 
     def _publish(self, frame: PlayedFrame) -> None:
         seconds, nanoseconds = divmod(frame.stamp_ns, 1_000_000_000)
-        self._data_time.publish(Clock(clock=Time(sec=seconds, nanosec=nanoseconds)))
+        data_time = Clock(clock=Time(sec=seconds, nanosec=nanoseconds))
+        self._data_time.publish(data_time)
+        self.bringup.tell(DATA_TIME, data_time)
         if frame.truth is not None:
             for data in frame.odometry or self._odometry_of(frame.truth.data):
                 self._odometry.publish(data)

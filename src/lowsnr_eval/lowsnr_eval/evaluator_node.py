@@ -64,9 +64,7 @@ class EvaluatorNode(ManagedNode):
             self.listen(
                 Detection2DArray, topic, partial(self._on_array, topic), depth, first=states)
         self.listen(Image, 'image_raw', self._on_frame, any_reliability(WAITING))
-        self.listen(
-            DiagnosticArray, run_records.RESTARTS, self._on_restart, depth, needed=False,
-            steady=False)
+        self.bringup.hear(run_records.RESTARTS, DiagnosticArray, self._on_restart)
         self.create_timer(_FLUSH_EVERY_S, self._on_timer)
         return TransitionCallbackReturn.SUCCESS
 
@@ -144,8 +142,9 @@ class EvaluatorNode(ManagedNode):
             chains = tuple(
                 run_records.ChainCounts(name, len(each.detections or ()), len(each.tracks or ()))
                 for name, each in scored.answers.items())
-            self._scored.publish(run_records.FrameScored(
-                scored.stamp, scored.number, chains).to_message())
+            message = run_records.FrameScored(scored.stamp, scored.number, chains).to_message()
+            self._scored.publish(message)
+            self.bringup.tell(run_records.SCORED, message)
             self.counts['out'] += 1
 
 

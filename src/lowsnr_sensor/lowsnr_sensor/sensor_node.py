@@ -10,6 +10,7 @@ from lowsnr_common.core.records import Estimate
 from lowsnr_common.core.records import Truth
 from lowsnr_common.core.streams import stream
 from lowsnr_common.ros import messages
+from lowsnr_common.ros.bringup_line import DATA_TIME
 from lowsnr_common.ros.connections import wait_for_readers
 from lowsnr_common.ros.lockstep import Lockstep
 from lowsnr_common.ros.managed_node import ManagedNode
@@ -64,11 +65,10 @@ class SensorNode(ManagedNode):
             Detection2DArray, 'ground_truth', reliable(depth))
         self._odometry = self.create_publisher(
             Odometry, 'ground_truth/odometry', reliable(depth))
-        self._data_time = self.create_publisher(Clock, '/clock', reliable(depth))
+        self._data_time = self.create_publisher(Clock, DATA_TIME, reliable(depth))
         self.outputs = {
             self._image: self.settings.consumers, self._array: bool(self.settings.consumers),
-            self._odometry: bool(self.settings.consumers),
-            self._data_time: bool(self.settings.consumers)}
+            self._odometry: bool(self.settings.consumers), self._data_time: 0}
         self._lockstep = Lockstep(self, self._publish_next, self.simulation.patience_s)
         self._prepare()
         return TransitionCallbackReturn.SUCCESS
@@ -109,7 +109,9 @@ class SensorNode(ManagedNode):
         if self.simulation.lockstep:
             self._lockstep.sent(messages.stamp_key(header.stamp))
         estimates = [Estimate(o.state, np.zeros((4, 4)), 1.0, o.id) for o in objects]
-        self._data_time.publish(Clock(clock=header.stamp))
+        data_time = Clock(clock=header.stamp)
+        self._data_time.publish(data_time)
+        self.bringup.tell(DATA_TIME, data_time)
         for item in estimates:
             self._odometry.publish(messages.estimate_to_odometry(item, header))
         self._array.publish(messages.estimates_to_array(

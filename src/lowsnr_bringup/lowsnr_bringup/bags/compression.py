@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from pathlib import Path
 import shutil
 
+from lowsnr_bringup.bags.errors import UnusableFile
 from lowsnr_common.settings.text import one_line
 from lz4.frame import LZ4FrameDecompressor
 import zstandard
@@ -12,6 +15,8 @@ import zstandard
 # The largest part of a bag that is held in memory: several times the largest frame.
 MAX_BYTES = 2**30
 _BLOCK_BYTES = 2**20
+# What stays free of a disk on which a bag is unpacked, for others that need it.
+_RESERVED_BYTES = 2**26
 
 
 def unpack(data: bytes, size: int, kind: str) -> bytes:
@@ -56,12 +61,27 @@ def unpack_message(data: bytes) -> bytes:
 
 
 def unpack_file(source: Path, target: Path) -> str:
-    """Unpack a compressed file as far as possible; return what is wrong, or ``''``."""
+    """
+    Unpack a compressed file as far as possible; return what is wrong, or ``''``.
+
+    Raises
+    ------
+    UnusableFile
+        With reason ``no room``, if it unpacks to more than the disk of the target has free.
+
+    """
+    room = shutil.disk_usage(target.parent).free - _RESERVED_BYTES
     try:
         with source.open('rb') as packed, target.open('wb') as plain:
-            decompressor = zstandard.ZstdDecompressor()
-            shutil.copyfileobj(
-                decompressor.stream_reader(packed, read_across_frames=True), plain, _BLOCK_BYTES)
-    except (zstandard.ZstdError, OSError) as error:  # the plain file may not fit on the disk
+            stream = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)
+            while block := stream.read(_BLOCK_BYTES):
+                if plain.tell() + len(block) > room:
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+                plain.write(block)
+    except (zstandard.ZstdError, OSError) as error:
+        if getattr(error, 'errno', None) == errno.ENOSPC:
+            raise UnusableFile(
+                source, 'no room', f'unpacks to more than the {max(0, room)} bytes that may be '
+                f'used in {target.parent}; set TMPDIR to a folder with more') from None
         return one_line(error)
     return ''

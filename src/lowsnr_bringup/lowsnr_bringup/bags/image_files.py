@@ -7,16 +7,20 @@ colour image becomes its luminance.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from collections.abc import Iterator
 from dataclasses import dataclass
 from dataclasses import field
 import itertools
+import os
 from pathlib import Path
 
 from lowsnr_bringup.bags.bag_files import by_number
-from lowsnr_bringup.bags.errors import UNREADABLE
 from lowsnr_bringup.bags.errors import UnusableFile
-from lowsnr_common.settings.text import one_line
+from lowsnr_bringup.formats.bounds import check_frame_size
+from lowsnr_bringup.formats.fits import read_fits
+from lowsnr_bringup.formats.npz import FrameArchive
+from lowsnr_bringup.formats.png_tiff import read_image
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,17 +34,20 @@ _GREY = 'colour frames are converted to grey'
 @dataclass
 class FrameReader:
     """
-    Frames of one size and type, read one after the other.
+    Frames of one size and type, read one after the other: each iteration reads them anew.
 
-    Iterate over it once; that raises :class:`~lowsnr_bringup.bags.errors.UnusableFile` where a
-    frame cannot be read.
+    It raises :class:`~lowsnr_bringup.bags.errors.UnusableFile` where a frame cannot be read.
 
     Attributes
     ----------
+    frames
+        Returns the frames from the first on.
     shape
         Rows and columns of every frame.
     dtype
         Type of every frame: ``uint8``, ``uint16`` or ``float32``.
+    count : int or None
+        Number of frames; None if it is not known before they are read.
     times_s : (T,) ndarray or None
         Times of the frames [s], increasing; None if unknown.
     period_s : float or None
@@ -52,16 +59,17 @@ class FrameReader:
 
     """
 
-    frames: Iterator[Frame]
+    frames: Callable[[], Iterator[Frame]]
     shape: tuple[int, int]
     dtype: np.dtype[np.integer | np.floating]
+    count: int | None = None
     times_s: NDArray[np.floating] | None = None
     period_s: float | None = None
     truth: NDArray[np.floating] | None = None
     notes: list[str] = field(default_factory=list)
 
     def __iter__(self) -> Iterator[Frame]:
-        return self.frames
+        return self.frames()
 
     def even_period_s(self, period_s: float | None = None) -> float | None:
         """
@@ -95,11 +103,11 @@ def open_frames(path: Path) -> FrameReader:
     ------
     UnusableFile
         With reason ``missing``, ``unreadable``, ``no frames``, ``not frames`` (an array or image
-        of another shape or type), ``not finite`` or ``mixed`` (frames of several sizes or
-        types); here for the first frame, while iterating for the others.
+        of another shape or type), ``too large``, ``not finite`` or ``mixed`` (frames of several
+        sizes or types); here for the first frame, while iterating for the others.
 
     """
-    if not path.exists():
+    if not os.path.exists(path):  # unlike Path.exists it takes a name of any length
         raise UnusableFile(path, 'missing', 'there is no such file or folder')
     if path.is_dir():
         return _folder(path)
@@ -107,59 +115,31 @@ def open_frames(path: Path) -> FrameReader:
 
 
 def _archive(path: Path) -> FrameReader:
-    try:
-        with path.open('rb') as file, np.load(file, allow_pickle=False) as archive:
-            arrays = {key: archive[key] for key in ('frames', 'truth', 't_s') if key in archive}
-    except UNREADABLE as error:
-        raise UnusableFile(path, 'unreadable', f'cannot be read: {one_line(error)}') from None
-    if 'frames' not in arrays:
-        raise UnusableFile(path, 'no frames', 'has no array frames')
-    frames, truth, times_s = arrays['frames'], arrays.get('truth'), arrays.get('t_s')
-    if frames.ndim != 3 or 0 in frames.shape:
-        raise UnusableFile(
-            path, 'not frames', f'frames has shape {frames.shape}, must be (frames, rows, cols)')
-    for name, array, shape in (
-            ('truth', truth, (len(frames), 2)), ('t_s', times_s, (len(frames),))):
-        if array is not None and (array.shape != shape or array.dtype.kind not in 'fiu'):
-            raise UnusableFile(
-                path, f'bad {name}', f'{name} has shape {array.shape} of {array.dtype}, must be '
-                f'{shape} of numbers')
-    if times_s is not None:
-        times_s = times_s.astype(float)
-        if not (np.isfinite(times_s).all() and (np.diff(times_s) > 0.0).all()):
-            raise UnusableFile(
-                path, 'bad t_s', 't_s does not increase from each frame to the next')
-    reader = _reader(path, iter(frames), [], [])
-    reader.times_s, reader.truth = times_s, truth
+    archive = FrameArchive(path)
+    reader = _reader(path, lambda: iter(archive), [], [])
+    reader.count, reader.times_s, reader.truth = archive.count, archive.times_s, archive.truth
     return reader
 
 
 def _folder(path: Path) -> FrameReader:
-    files = sorted(
-        (item for item in path.iterdir() if item.suffix.lower() in IMAGE_SUFFIXES), key=by_number)
+    try:
+        files = sorted(
+            (item for item in path.iterdir() if item.suffix.lower() in IMAGE_SUFFIXES),
+            key=by_number)
+    except OSError as error:
+        raise UnusableFile(path, 'unreadable', f'cannot be read: {error.strerror}') from None
     if not files:
         raise UnusableFile(path, 'no frames', f'holds no image ({", ".join(IMAGE_SUFFIXES)})')
     notes: list[str] = []
-    return _reader(path, (_image(item, notes) for item in files), files, notes)
+    reader = _reader(path, lambda: (_image(item, notes) for item in files), files, notes)
+    reader.count = len(files)
+    return reader
 
 
 def _image(path: Path, notes: list[str]) -> Frame:
     if path.suffix.lower() in _FITS:
-        from astropy.io import fits  # slow to import, and rarely needed
-        try:
-            return np.asarray(fits.getdata(path))
-        except (*UNREADABLE, fits.VerifyError) as error:
-            raise UnusableFile(
-                path, 'unreadable', f'not a FITS image: {one_line(error)}') from None
-    import cv2
-    try:
-        data = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED) \
-            if path.stat().st_size else None
-    except (OSError, cv2.error) as error:
-        raise UnusableFile(path, 'unreadable', f'not an image: {one_line(error)}') from None
-    if data is None:
-        raise UnusableFile(path, 'unreadable', 'not an image')
-    return _grey(np.asarray(data), notes)
+        return np.asarray(read_fits(path))
+    return _grey(read_image(path), notes)
 
 
 def _grey(image: Frame, notes: list[str]) -> Frame:
@@ -176,16 +156,21 @@ def _grey(image: Frame, notes: list[str]) -> Frame:
 
 def _video(path: Path) -> FrameReader:
     import cv2
-    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-    video = cv2.VideoCapture(str(path))
-    cv2.utils.logging.setLogLevel(level)
-    if not video.isOpened():
-        raise UnusableFile(
-            path, 'unreadable', 'neither an .npz, a folder of images nor a video')
-    rate_hz = float(video.get(cv2.CAP_PROP_FPS))
     notes: list[str] = []
 
+    def opened() -> cv2.VideoCapture:
+        level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+        video = cv2.VideoCapture(str(path))
+        cv2.utils.logging.setLogLevel(level)
+        if not video.isOpened():
+            raise UnusableFile(
+                path, 'unreadable', 'neither an .npz, a folder of images nor a video')
+        check_frame_size(path, (int(video.get(cv2.CAP_PROP_FRAME_HEIGHT)),
+                                int(video.get(cv2.CAP_PROP_FRAME_WIDTH))))
+        return video
+
     def frames() -> Iterator[Frame]:
+        video = opened()
         while True:
             found, image = video.read()
             if not found:
@@ -193,22 +178,22 @@ def _video(path: Path) -> FrameReader:
                 return
             yield _grey(np.asarray(image), notes)
 
-    reader = _reader(path, frames(), [], notes)
+    rate_hz = float(opened().get(cv2.CAP_PROP_FPS))
+    reader = _reader(path, frames, [], notes)
     reader.period_s = 1.0 / rate_hz if rate_hz > 0.0 else None
     return reader
 
 
 def _reader(
-    path: Path, frames: Iterator[Frame], files: list[Path], notes: list[str],
+    path: Path, frames: Callable[[], Iterator[Frame]], files: list[Path], notes: list[str],
 ) -> FrameReader:
     """Return a reader of frames; ``files`` are those that hold one frame each."""
-    checked = _checked(path, frames, files)
-    first = next(checked, None)
+    first = next(_checked(path, frames(), files), None)
     if first is None:
         raise UnusableFile(path, 'no frames', 'holds no frame')
     rows, cols = first.shape
     return FrameReader(
-        itertools.chain([first], checked), (rows, cols), first.dtype, notes=notes)
+        lambda: _checked(path, frames(), files), (rows, cols), first.dtype, notes=notes)
 
 
 def _checked(path: Path, frames: Iterator[Frame], files: list[Path]) -> Iterator[Frame]:

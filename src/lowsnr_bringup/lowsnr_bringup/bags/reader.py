@@ -69,7 +69,7 @@ class Bag:
     ------
     UnusableFile
         With a reason of :func:`~lowsnr_bringup.bags.bag_files.find_files`, or ``unreadable``,
-        ``empty`` or ``not a bag``.
+        ``empty``, ``not a bag`` or ``no room`` (to unpack it).
 
     """
 
@@ -161,7 +161,12 @@ class Bag:
         if files.compression != 'file':
             yield from zip(files.paths, files.paths)
             return
-        folder = Path(self._open.enter_context(TemporaryDirectory()))
+        try:
+            folder = Path(self._open.enter_context(TemporaryDirectory()))
+        except OSError as error:
+            raise UnusableFile(
+                self.path, 'no room', f'cannot be unpacked: {error.strerror}; set TMPDIR to a '
+                'folder with room') from None
         for path in files.paths:
             plain = folder / path.stem
             if fault := unpack_file(path, plain):

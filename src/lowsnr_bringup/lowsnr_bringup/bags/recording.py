@@ -11,6 +11,7 @@ from typing import Any
 
 from lowsnr_bringup.bags.bag_files import INFORMATION
 from lowsnr_bringup.bags.bag_files import METADATA_FILE
+from lowsnr_common.settings.text import printable
 import yaml
 
 # Names of the texts that the metadata of a recorded bag carry.
@@ -93,7 +94,7 @@ class RecordingSummary:
         if not self.finished:
             return f'recording ended early; the bag in {self.folder} is good up to there'
         losses = self.losses or {}
-        each = ', '.join(f'{count} on {name}' for name, count in losses.items())
+        each = ', '.join(f'{count} on {printable(name)}' for name, count in losses.items())
         return (f'recorded {self.messages} messages on {self.topics} topics in {self.folder}, '
                 f'{sum(losses.values())} lost' + (f': {each}' if each else ''))
 

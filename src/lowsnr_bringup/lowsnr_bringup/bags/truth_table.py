@@ -9,6 +9,7 @@ frame without a line.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from collections.abc import Sequence
 import csv
 import math
@@ -32,9 +33,9 @@ def truth_at(x: float, y: float, name: str = OBJECT) -> Truth:
     return Truth(name, state)
 
 
-def truth_of_array(truth: NDArray[np.floating]) -> list[list[Truth]]:
-    """Return the objects of every frame from positions (T, 2) [pixels], NaN for none."""
-    return [[truth_at(x, y)] if math.isfinite(x + y) else [] for x, y in truth.astype(float)]
+def truth_of_array(truth: NDArray[np.floating]) -> Iterator[list[Truth]]:
+    """Yield the objects of every frame from positions (T, 2) [pixels], NaN for none."""
+    return ([truth_at(x, y)] if math.isfinite(x + y) else [] for x, y in truth.astype(float))
 
 
 def read_truth(path: Path, times_s: NDArray[np.floating]) -> list[list[Truth]]:

@@ -189,7 +189,7 @@ def wiring(nodes: Sequence[Node], detectors: Sequence[str], scenario: str) -> La
         **{node_of(name): 2 + viewers for name in detectors},  # tracker, evaluator, viewer
         'tracker': 1 + viewers,  # evaluator, viewer
         'viewer': 1,  # so that it waits for its publishers
-        'evaluator': 1 + sum(node.source for node in nodes)}  # bring-up, sensor or player
+        'evaluator': sum(node.source for node in nodes)}  # sensor or player
     layer: dict[str, Values] = {name: {'consumers': count} for name, count in consumers.items()}
     layer[EVERY_NODE] = {'autostart': False, 'observers': int('recorder' in names)}
     layer['evaluator'] |= {

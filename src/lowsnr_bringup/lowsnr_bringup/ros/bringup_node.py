@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from lowsnr_bringup.plan.graph import MANAGER
+from lowsnr_bringup.run.processes import NO_OTHER_LOGS
 import rclpy
 from rclpy.logging import LoggingSeverity
 from rclpy.logging import set_logger_level
@@ -18,7 +19,7 @@ def bringup_node(rosout: bool = True) -> Iterator[Node]:
     """Make bring-up's node, which leaves ROS at the end of the ``with`` block."""
     context = rclpy.Context()
     rclpy.init(
-        args=['--ros-args', '--enclave', f'/{MANAGER}'], context=context,
+        args=['--ros-args', '--enclave', f'/{MANAGER}', NO_OTHER_LOGS], context=context,
         signal_handler_options=SignalHandlerOptions.NO)
     try:
         node = Node(

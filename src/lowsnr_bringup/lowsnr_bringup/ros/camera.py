@@ -20,6 +20,7 @@ from lowsnr_common.ros.connections import type_name
 from lowsnr_common.ros.images import image_to_array
 from lowsnr_common.ros.messages import stamp_key
 from lowsnr_common.ros.qos import any_reliability
+from lowsnr_common.settings.text import printable
 import numpy as np
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -45,7 +46,7 @@ class CameraError(ValueError):
     """
 
     def __init__(self, reason: str, text: str) -> None:
-        super().__init__(text)
+        super().__init__(printable(text))
         self.reason = reason
 
 

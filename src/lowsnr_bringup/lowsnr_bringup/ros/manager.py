@@ -12,16 +12,22 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
-from lifecycle_msgs.srv import GetState
+from lifecycle_msgs.msg import TransitionEvent
 from lowsnr_bringup.plan.graph import Node as GraphNode
 from lowsnr_bringup.ros.bringup_node import bringup_node
+from lowsnr_bringup.ros.domain_guard import DomainGuard
 from lowsnr_bringup.ros.node_watch import StateWatch
+from lowsnr_bringup.ros.node_watch import StrangerWatch
 from lowsnr_bringup.ros.transition import PendingTransition
+from lowsnr_bringup.run.processes import ProcessGroup
+from lowsnr_common.core.line import Line
 from lowsnr_common.core.records import Malformed
 from lowsnr_common.core.timeline import StampOrder
 from lowsnr_common.core.timeline import Timeline
-from lowsnr_common.ros.inputs import drain
+from lowsnr_common.ros.bringup_line import CHANGE_STATE
+from lowsnr_common.ros.bringup_line import DATA_TIME
+from lowsnr_common.ros.bringup_line import PARAMETERS
+from lowsnr_common.ros.bringup_line import STATUS
 from lowsnr_common.ros.messages import stamp_key
 from lowsnr_common.ros.qos import reliable
 from lowsnr_common.ros.run_records import FrameScored
@@ -29,15 +35,14 @@ from lowsnr_common.ros.run_records import NodeRestarted
 from lowsnr_common.ros.run_records import RESTARTS
 from lowsnr_common.ros.run_records import SCORED
 from rcl_interfaces.msg import ParameterEvent
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import parameter_value_to_python
-from rclpy.qos import qos_profile_parameter_events
+from rclpy.serialization import deserialize_message
+from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 
 CONFIGURE = Transition.TRANSITION_CONFIGURE
 ACTIVATE = Transition.TRANSITION_ACTIVATE
 DEACTIVATE = Transition.TRANSITION_DEACTIVATE
-_EVALUATOR_WITHIN_S = 30.0
 
 
 class GraphFailure(Exception):
@@ -46,10 +51,15 @@ class GraphFailure(Exception):
 
 class Manager:
     """
-    A client of every node's lifecycle, in a ROS context of its own.
+    Changes the states of the nodes and follows their progress.
+
+    It hears and asks the nodes over the lines of their processes.  It subscribes to nothing and
+    calls no service: on a ROS domain anybody can write to a topic and answer a service.
 
     Parameters
     ----------
+    group
+        The processes of the run.
     nodes
         The nodes of the run.
     check
@@ -61,38 +71,30 @@ class Manager:
     """
 
     def __init__(
-        self, nodes: Iterable[GraphNode], check: Callable[[], None],
+        self, group: ProcessGroup, nodes: Iterable[GraphNode], check: Callable[[], None],
         on_scored: Callable[[int, int, int], None],
     ) -> None:
-        self._check, self._on_scored = check, on_scored
+        self._group, self._check, self._on_scored = group, check, on_scored
         self.scored = self._detections = self._tracks = 0
+        self._handlers: dict[str, tuple[type, Callable[[Any], None]]] = {
+            SCORED: (DiagnosticArray, self._count), DATA_TIME: (Clock, self._on_clock),
+            STATUS: (DiagnosticArray, self._on_diagnostics),
+            PARAMETERS: (ParameterEvent, self._on_parameters)}
+        self._pending: dict[Line, PendingTransition] = {}
         self._within = ExitStack()
         self._node = self._within.enter_context(bringup_node())
-        self._executor = SingleThreadedExecutor(context=self._node.context)
-        self._within.callback(self._executor.shutdown)
-        self._executor.add_node(self._node)
-        self._services = {
-            node: (self._node.create_client(ChangeState, f'{node.path}/change_state'),
-                   self._node.create_client(GetState, f'{node.path}/get_state'))
-            for node in nodes}
-        self._scored = self._node.create_subscription(
-            DiagnosticArray, SCORED, self._count, reliable(10_000))
+        self.guard = DomainGuard(self._node, (node.path for node in nodes))
+        self._restarts = self._node.create_publisher(DiagnosticArray, RESTARTS, reliable(100))
         self.published, self.newest_ns, self._timeline = 0, -1, Timeline()
         self.restarted: Counter[str] = Counter()
-        self._followed = [self._scored]
-        if any(node.source for node in self._services):  # otherwise a clock is not of this run
-            self._followed.append(self._node.create_subscription(
-                Clock, 'clock', self._on_clock, reliable(10_000)))
         self._labels = {node.path: node.label for node in nodes}
         self._active: dict[str, str] = {}  # process by node
         self.statuses: dict[str, DiagnosticStatus] = {}  # the newest of each active node
         self._state_watch: StateWatch | None = StateWatch()
-        self._node.create_subscription(
-            DiagnosticArray, '/diagnostics', self._on_diagnostics, reliable(100))
+        self._strangers = StrangerWatch()
+        # The faults of a camera are printed with all others of its node.
+        self._cameras = {node.path for node in nodes if node.live}
         self._changed: dict[str, dict[str, Any]] = {}  # parameters set while it ran, by node
-        self._parameters = self._node.create_subscription(
-            ParameterEvent, '/parameter_events', self._on_parameters, qos_profile_parameter_events)
-        self._restarts = self._node.create_publisher(DiagnosticArray, RESTARTS, reliable(100))
 
     def expect_changes(self) -> None:
         """Print no more changes of state: from here on bring-up asks for them."""
@@ -102,19 +104,16 @@ class Manager:
         """Leave ROS."""
         self._within.close()
 
-    def wait_for_evaluator(self) -> None:
-        """Wait until this manager and the evaluator have discovered each other."""
-        until = time.monotonic() + _EVALUATOR_WITHIN_S
-        while not self._scored.get_publisher_count():
-            if time.monotonic() > until:
-                raise GraphFailure(
-                    f'the evaluator was not discovered within {_EVALUATOR_WITHIN_S:g} s')
-            self.spin(0.01)
-
     def spin(self, seconds: float) -> None:
         """Take messages for a while, then check."""
-        self._executor.spin_once(timeout_sec=seconds)
+        self._take(seconds)
         self._check()
+
+    def request(self, node: GraphNode, transition: int) -> PendingTransition:
+        """Ask the process of a node for a transition."""
+        line = next(each.line for each in self._group.members if each.node == node)
+        self._pending[line] = PendingTransition(line, transition)
+        return self._pending[line]
 
     def change(self, transition: int, nodes: Iterable[GraphNode], within_s: float) -> None:
         """
@@ -127,8 +126,9 @@ class Manager:
 
         """
         until = time.monotonic() + within_s
-        waiting = {node: PendingTransition(*self._services[node], transition) for node in nodes}
+        waiting = {node: self.request(node, transition) for node in nodes}
         while waiting:
+            self.spin(0.02)
             for node, pending in list(waiting.items()):
                 if (made := pending.poll()) is False:
                     raise GraphFailure(f'{node.label} rejected a change of its state')
@@ -137,8 +137,16 @@ class Manager:
             if waiting and time.monotonic() > until:
                 raise GraphFailure(
                     f'{next(iter(waiting)).label} did not answer within {within_s:g} s')
-            if waiting:
-                self.spin(0.02)
+
+    def _take(self, within_s: float = 0.0) -> None:
+        """Wait for what the nodes say, for at most so long [s], and take it."""
+        for line, subject, data in self._group.lines.heard(within_s):
+            if subject == CHANGE_STATE:
+                if pending := self._pending.pop(line, None):
+                    pending.answer(deserialize_message(data, TransitionEvent))
+            else:
+                kind, handler = self._handlers[subject]
+                handler(deserialize_message(data, kind))
 
     def is_active(self, node: GraphNode, process: int) -> bool:
         """Return whether a process of a node has reported that it is active."""
@@ -146,18 +154,20 @@ class Manager:
 
     def changed(self, node: GraphNode) -> dict[str, Any]:
         """Return the parameters of a node that were set while it ran, with their last values."""
-        drain(self._parameters)
+        self._take()
         return self._changed.get(node.path, {})
 
     def catch_up(self) -> None:
-        """Take all waiting messages about published and scored frames."""
-        for subscription in self._followed:
-            drain(subscription)
+        """Take all that the nodes have said."""
+        self._take()
 
     def announce(self, node: GraphNode, death: str, started_s_ago: float) -> None:
         """Publish that a node is active again, so that no node waits for what its death lost."""
         self.restarted[node.label] += 1
-        self._restarts.publish(NodeRestarted(node.path, death, started_s_ago).to_message())
+        message = NodeRestarted(node.path, death, started_s_ago).to_message()
+        for member in self._group.members:
+            member.line.send(RESTARTS, serialize_message(message))
+        self._restarts.publish(message)  # for people and bags; no node of the run believes it
 
     def _count(self, message: DiagnosticArray) -> None:
         try:
@@ -190,5 +200,7 @@ class Manager:
             if state == 'active':
                 self._active[status.name] = process
                 self.statuses[status.name] = status
+            if status.name not in self._cameras:
+                self._strangers.update(status)
             if self._state_watch:
                 self._state_watch.update(label, status.name, process, state)

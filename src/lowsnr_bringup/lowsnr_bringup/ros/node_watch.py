@@ -1,4 +1,4 @@
-"""What bring-up prints about nodes while a run goes on: faults of a camera, changes of state."""
+"""What bring-up prints about nodes in a run: faults of a camera, strangers, changes of state."""
 
 from __future__ import annotations
 
@@ -9,10 +9,15 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from lowsnr_bringup.run.processes import notify
+from lowsnr_common.ros.connections import OTHER_QOS
+from lowsnr_common.ros.connections import OTHER_TYPE
+from lowsnr_common.ros.connections import SEVERAL_PUBLISHERS
 from lowsnr_common.ros.diagnostics import faults_of
 
 # A fault that has not been reported for this long counts as a new one.
 _NEW_AFTER_S = 60.0
+# Ends of the keys of faults that are due to other programs on the domain.
+_OF_STRANGERS = tuple(f' {each}' for each in (SEVERAL_PUBLISHERS, OTHER_TYPE, OTHER_QOS))
 _ACTIVE = 'active'
 # States that last; a node is in the others for the time of a transition.
 _PRIMARY = ('unconfigured', 'inactive', _ACTIVE)
@@ -41,6 +46,22 @@ class CameraWatch:
             if now_s - self._seen_s.get(key, -_NEW_AFTER_S) >= _NEW_AFTER_S:
                 notify(sentence)
             self._seen_s[key] = now_s
+
+
+@dataclass
+class StrangerWatch:
+    """Prints once for each topic of the run that others publish too, or with which they clash."""
+
+    clock: Callable[[], float] = time.monotonic
+    _seen_s: dict[str, float] = field(default_factory=dict)
+
+    def update(self, status: DiagnosticStatus) -> None:
+        """Take the newest status of a node."""
+        for key, sentence in faults_of(status).items():
+            if key.endswith(_OF_STRANGERS):
+                if self.clock() - self._seen_s.get(key, -_NEW_AFTER_S) >= _NEW_AFTER_S:
+                    notify(sentence)
+                self._seen_s[key] = self.clock()
 
 
 @dataclass

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from collections.abc import Sequence
+from contextlib import closing
 import os
 from pathlib import Path
 import signal
@@ -78,11 +79,24 @@ class Supervisor:
         self._missed: dict[Node, str] = {}  # nodes that stay dead, and how they died
 
     def run(self) -> tuple[int, str]:
-        """Run the graph; return the exit status, and what failed, empty if nothing did."""
+        """
+        Run the graph; return the exit status, and what failed, empty if nothing did.
+
+        Raises
+        ------
+        DomainTaken
+            If nodes of another run answer on the domain; this run has changed none of them.
+
+        """
         before = {s: signal.signal(s, self._on_signal) for s in (signal.SIGINT, signal.SIGTERM)}
         try:
             with ProcessGroup(
-                    self._folder / 'log', self._environment, self._server) as self._group:
+                    self._folder / 'log', self._environment, self._server) as self._group, \
+                    closing(Manager(
+                        self._group, self._nodes, self._check, self._on_scored)) as self._manager:
+                if self._server is not None:
+                    self._server.wait()
+                self._manager.guard.check_before_start()
                 return self._run_processes()
         finally:
             for number, handler in before.items():
@@ -94,7 +108,6 @@ class Supervisor:
         with tqdm(
             desc='starting', total=self._frames, unit=' frames', disable=None,
         ) as self._bar:
-            self._manager = Manager(self._nodes, self._check, self._on_scored)
             try:
                 self._follow()
                 self._end(_ACTIVATE_WITHIN_S)
@@ -108,17 +121,16 @@ class Supervisor:
                 self._manager.catch_up()
                 self.account.published = self._manager.published
                 self.account.restarts = self._manager.restarted
-                self._manager.close()
 
     def _follow(self) -> None:
         """Activate the nodes, and wait until the source is done and its frames are scored."""
         self._manager.change(CONFIGURE, self._nodes, _START_WITHIN_S)
-        self._manager.wait_for_evaluator()
         for node in self._nodes:
             self._manager.change(ACTIVATE, [node], _ACTIVATE_WITHIN_S)
         if self._respawn:
             self._respawner = Respawner(
                 self._group, self._manager, self._folder, _texts(self._folder))
+        self._starting = False
         self._bar.unpause()  # the rate is that of the frames, not of the start
         self._bar.set_description('running')
         while not self._source_done():
@@ -152,7 +164,7 @@ class Supervisor:
             except GraphFailure as error:
                 notify(f'while stopping: {error}')
 
-    _check_enabled = True
+    _check_enabled = _starting = True
 
     def _check(self) -> None:
         """Handle dead nodes; raise if the run is interrupted or cannot go on without one."""
@@ -160,6 +172,8 @@ class Supervisor:
             return
         if self._signal:
             raise Interrupted
+        if self._starting:
+            self._manager.guard.check()
         for member in self._group.dead():
             if member.node.source and member.process.returncode == 0:
                 continue

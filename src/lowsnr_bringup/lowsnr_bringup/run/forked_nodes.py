@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 import ctypes
 import json
 import os
@@ -66,6 +67,7 @@ class NodeServer:
 
     def __init__(self) -> None:
         self._channel: socket.socket | None = None
+        self._ready = False
         self.process: subprocess.Popen[bytes] | None = None
 
     def __enter__(self) -> NodeServer:
@@ -87,6 +89,14 @@ class NodeServer:
                 stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
                 start_new_session=True)
 
+    def wait(self) -> None:
+        """Wait until the server has imported everything, if there is a server."""
+        if self._channel is not None and not self._ready:
+            with suppress(OSError):  # it may not say so in time
+                self._ready = bool(self._channel.recv(64))
+            if not self._ready:
+                self.close()
+
     def fork(
         self, module: str, arguments: list[str], environment: dict[str, str], log: int,
         lifeline: int,
@@ -99,7 +109,7 @@ class NodeServer:
         module, arguments, environment
             Those of the new process.
         log, lifeline
-            File descriptors: of its output, and of the pipe that closes with bring-up.
+            File descriptors: of its output, and of its end of the line to bring-up.
 
         Raises
         ------
@@ -109,6 +119,7 @@ class NodeServer:
             If the machine has no room for another process.
 
         """
+        self.wait()
         if self._channel is None:
             raise ServerGone
         request = json.dumps([module, arguments, environment]).encode()

@@ -37,6 +37,7 @@ _LARGEST_REQUEST = 2**20
 
 def _serve(channel: socket.socket) -> str:
     """Fork nodes until bring-up is gone; in a node, return the module that it is to run."""
+    channel.send(b'ready')
     while True:
         request, files, *_ = socket.recv_fds(channel, _LARGEST_REQUEST, 2)
         if not request:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from collections.abc import Mapping
 from dataclasses import dataclass
-import os
 from pathlib import Path
 import signal
 import subprocess
@@ -18,14 +17,19 @@ from typing import Protocol
 from lowsnr_bringup.plan.graph import Node
 from lowsnr_bringup.run.forked_nodes import NodeServer
 from lowsnr_bringup.run.forked_nodes import ServerGone
+from lowsnr_bringup.run.lines import Lines
 from lowsnr_bringup.run.shared_memory import clear_leftovers
+from lowsnr_common.core.line import Line
 from lowsnr_common.core.process_setup import LIFELINE
 from lowsnr_common.core.process_setup import SHUT_DOWN
 from lowsnr_common.core.process_setup import TERMINATED
+from lowsnr_common.settings.text import printable_lines
 from tqdm import tqdm
 
 _TERM_WITHIN_S = 2.0
 _LAST_LINES = 8
+# Nodes log to the results; ROS would write the same to ~/.ros/log, and needs a home for that.
+NO_OTHER_LOGS = '--disable-external-lib-logs'
 NONE: Mapping[str, object] = MappingProxyType({})
 
 
@@ -55,11 +59,12 @@ class Process(Protocol):
 
 @dataclass(frozen=True)
 class NodeProcess:
-    """A node's process and its log file."""
+    """A node's process, its log file, and the line to it."""
 
     node: Node
     process: Process
     log: Path
+    line: Line
 
     def death(self) -> str:
         """Return how the process ended, in words that follow its name."""
@@ -87,9 +92,9 @@ class ProcessGroup:
     """
     Node processes that live no longer than their starter.
 
-    Each holds the read end of a pipe whose write end only the starter has: when the starter is
-    gone, for whatever reason, the pipe closes and the nodes end themselves.  Use it as a context
-    manager.
+    Each holds one end of a line whose other end only the starter has: when the starter is gone,
+    for whatever reason, the line closes and the nodes end themselves.  Use it as a context
+    manager.  ``lines`` is what the processes say.
 
     Parameters
     ----------
@@ -107,7 +112,7 @@ class ProcessGroup:
     ) -> None:
         self._logs, self._server = logs, server
         self._environment = dict(environment)
-        self._pipe_out, self._pipe_in = os.pipe()
+        self.lines = Lines()
         self.members: list[NodeProcess] = []
 
     def __enter__(self) -> ProcessGroup:
@@ -115,8 +120,7 @@ class ProcessGroup:
 
     def __exit__(self, *_: object) -> None:
         self.stop()
-        os.close(self._pipe_in)
-        os.close(self._pipe_out)
+        self.lines.close()
 
     def start(
         self, node: Node, parameter_file: Path, overrides: Mapping[str, object] = NONE,
@@ -140,7 +144,7 @@ class ProcessGroup:
 
         """
         arguments = [*node.arguments, '--ros-args', '--params-file', str(parameter_file),
-                     '--enclave', node.path]
+                     '--enclave', node.path, NO_OTHER_LOGS]
         for name, value in overrides.items():
             arguments += ['-p', f'{name}:={value}']
         if node.namespace:
@@ -150,24 +154,26 @@ class ProcessGroup:
         path = self._logs / f'{node.label}.log'
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open('ab') as log:
-            process = self._run(node.module, arguments, log)
-        member = NodeProcess(node, process, path)
+            line, theirs = self.lines.add()
+            with theirs:
+                process = self._run(node.module, arguments, log, theirs.fileno())
+        member = NodeProcess(node, process, path, line)
         self.members = [other for other in self.members if other.node != node] + [member]
         return member
 
-    def _run(self, module: str, arguments: list[str], log: BinaryIO) -> Process:
+    def _run(self, module: str, arguments: list[str], log: BinaryIO, lifeline: int) -> Process:
         """Start a process in a session of its own, so that Ctrl-C reaches the starter only."""
         if self._server is not None:
             try:
                 return self._server.fork(
-                    module, arguments, self._environment, log.fileno(), self._pipe_out)
+                    module, arguments, self._environment, log.fileno(), lifeline)
             except ServerGone:
                 self._server = None
                 notify('the process that forks nodes is gone; nodes start their own Python')
         return subprocess.Popen(
             [sys.executable, '-m', module, *arguments], stdin=subprocess.DEVNULL, stdout=log,
-            stderr=subprocess.STDOUT, env={**self._environment, LIFELINE: str(self._pipe_out)},
-            pass_fds=(self._pipe_out,), start_new_session=True)
+            stderr=subprocess.STDOUT, env={**self._environment, LIFELINE: str(lifeline)},
+            pass_fds=(lifeline,), start_new_session=True)
 
     def dead(self) -> list[NodeProcess]:
         """Return the members that have ended."""
@@ -199,4 +205,4 @@ def _wait(members: Iterable[NodeProcess], seconds: float) -> bool:
 
 def notify(text: str) -> None:
     """Print a line above the progress bar."""
-    tqdm.write(f'bringup.py: {text}', file=sys.stderr)
+    tqdm.write(f'bringup.py: {printable_lines(text)}', file=sys.stderr)

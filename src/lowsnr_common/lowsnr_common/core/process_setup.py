@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Callable
+from collections.abc import Iterator
 import ctypes
 import os
 import signal
+import socket
 import sys
 import threading
+
+from lowsnr_common.core.line import Line
 
 LIFELINE = 'LOWSNR_LIFELINE'
 # Exit statuses: of a node that cannot become active, of one with a setting out of its bounds, of
@@ -17,23 +23,78 @@ _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
 _KEPT_BYTES = 2**30
 
 
-def end_with_starter() -> None:
+class StarterLine:
+    """
+    A node's end of the line to the bring-up that started it.
+
+    Without a starter it is not ``connected`` and does nothing.
+
+    Parameters
+    ----------
+    line
+        The line, None without a starter.
+    on_end
+        Called, in a thread of its own, when the starter is gone.
+
+    """
+
+    def __init__(self, line: Line | None, on_end: Callable[[], None] = lambda: None) -> None:
+        self._line, self._on_end = line, on_end
+        self._received: deque[tuple[str, bytes]] = deque()
+        self._notify: Callable[[], None] = lambda: None
+        if line is not None:
+            threading.Thread(target=self._listen, args=(line,), daemon=True).start()
+
+    @property
+    def connected(self) -> bool:
+        """Whether this process has a starter."""
+        return self._line is not None
+
+    def send(self, topic: str, data: bytes) -> None:
+        """Send the starter a message."""
+        if self._line is not None:
+            self._line.send(topic, data)
+
+    def flush(self, within_s: float) -> None:
+        """Send what waits for the starter, for at most so long [s]."""
+        if self._line is not None:
+            self._line.flush(within_s)
+
+    def take(self) -> Iterator[tuple[str, bytes]]:
+        """Yield the messages that have been received."""
+        while self._received:
+            yield self._received.popleft()
+
+    def call_when_received(self, notify: Callable[[], None]) -> None:
+        """Have a function called, in a thread of its own, after messages were received."""
+        self._notify = notify
+        notify()
+
+    def _listen(self, line: Line) -> None:
+        while (found := line.receive()) is not None:
+            self._received.extend(found)
+            self._notify()
+        line.close()
+        self._on_end()
+
+
+def end_with_starter() -> StarterLine:
     """
     Have this process end by SIGTERM when the process that started it is gone.
 
-    The starter passes the read end of a pipe and names its file descriptor in the environment
-    variable ``LOWSNR_LIFELINE``.  The kernel closes the other end with the starter.  Without the
-    variable nothing happens.
+    The starter passes one end of a pair of sockets and names its file descriptor in the
+    environment variable ``LOWSNR_LIFELINE``.  The kernel closes the other end with the starter.
+
+    Returns
+    -------
+    StarterLine
+        The line to the starter; without the variable it leads nowhere.
+
     """
-    pipe = os.environ.pop(LIFELINE, None)
-    if pipe is not None:
-        threading.Thread(target=_wait_for_end, args=(int(pipe),), daemon=True).start()
-
-
-def _wait_for_end(pipe: int) -> None:
-    while os.read(pipe, 1):
-        pass
-    os.kill(os.getpid(), signal.SIGTERM)
+    number = os.environ.pop(LIFELINE, None)
+    return StarterLine(
+        None if number is None else Line(socket.socket(fileno=int(number))),
+        lambda: os.kill(os.getpid(), signal.SIGTERM))
 
 
 def keep_freed_memory() -> None:

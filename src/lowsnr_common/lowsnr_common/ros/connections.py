@@ -80,7 +80,22 @@ def input_faults(node: Node, subscription: Any) -> list[Fault]:
 
 
 def output_faults(node: Node, publisher: Any) -> list[Fault]:
-    """Return which readers of a publisher's topic do not fit."""
+    """Return which readers of a publisher's topic do not fit, and whether others publish it."""
+    return _other_publishers(node, publisher) + _unfit_readers(node, publisher)
+
+
+def _other_publishers(node: Node, publisher: Any) -> list[Fault]:
+    topic, own = publisher.topic_name, node.get_fully_qualified_name()
+    if node.count_publishers(topic) <= 1:
+        return []
+    publishers = node.get_publishers_info_by_topic(topic)
+    if all(name_of(each) == own for each in publishers):  # the node before it was restarted
+        return []
+    return [Fault(
+        topic, SEVERAL_PUBLISHERS, f'{len(publishers)} publishers: {_names(publishers)}')]
+
+
+def _unfit_readers(node: Node, publisher: Any) -> list[Fault]:
     topic = publisher.topic_name
     if node.count_subscribers(topic) <= publisher.get_subscription_count():
         return []

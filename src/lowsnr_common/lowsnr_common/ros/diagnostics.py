@@ -12,6 +12,7 @@ from statistics import median
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.msg import KeyValue
+from lowsnr_common.settings.text import printable
 
 # Messages received, published and rejected; rejected as too late; dropped by the middleware.
 ALWAYS = ('in', 'out', 'refused', 'late', 'lost')
@@ -41,6 +42,11 @@ class Fault:
     subject: str
     reason: str
     text: str
+
+    def __post_init__(self) -> None:
+        """Make what strangers have named printable: people read it in terminals and logs."""
+        for name in ('subject', 'text'):
+            object.__setattr__(self, name, printable(getattr(self, name)))
 
     @property
     def key(self) -> str:

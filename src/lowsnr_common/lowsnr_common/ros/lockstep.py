@@ -45,8 +45,7 @@ class Lockstep:
         self._since_s = 0.0
         depth = reliable(node.settings.queue_depth)
         node.listen(DiagnosticArray, SCORED, self._on_scored, depth)
-        node.listen(
-            DiagnosticArray, RESTARTS, self._on_restart, depth, needed=False, steady=False)
+        node.bringup.hear(RESTARTS, DiagnosticArray, self._on_restart)
         node.create_timer(_CHECK_EVERY_S, self._give_up_late)
 
     def sent(self, stamp_ns: int) -> None:

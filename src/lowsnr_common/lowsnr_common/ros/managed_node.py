@@ -10,8 +10,13 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import State
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.msg import TransitionEvent
 from lowsnr_common.core.timeline import StampOrder
 from lowsnr_common.core.timeline import Timeline
+from lowsnr_common.ros.bringup_line import CHANGE_STATE
+from lowsnr_common.ros.bringup_line import STATUS
 from lowsnr_common.ros.connections import missing_peer
 from lowsnr_common.ros.connections import output_faults
 from lowsnr_common.ros.diagnostics import Fault
@@ -29,7 +34,6 @@ from rclpy.qos import QoSProfile
 from rclpy.timer import Timer
 
 _PEERS_WITHIN_S, _THROTTLE_S = 20.0, 5.0
-_REPEATS, _REPEATED_S = 40, 0.05
 # Time for the answer to a request for shutdown to arrive.
 _ANSWERED_AFTER_S = 0.2
 # Reasons of faults.
@@ -57,7 +61,8 @@ class ManagedNode(SettingsNode):
         self._faults: list[Fault] = []
         self.broken = ''  # what keeps the node from its work, in one line
         self._quiet_until = 0.0
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._diagnostics = self.create_publisher(DiagnosticArray, STATUS, 10)
+        self.bringup.hear(CHANGE_STATE, Transition, self._on_transition)
         self._diagnostics_timer = self.create_timer(1.0, self.report)
 
     def create_timer(
@@ -134,7 +139,8 @@ class ManagedNode(SettingsNode):
     def _missing(self) -> str:
         needed = {each: n + self.settings.observers for each, n in self.outputs.items()}
         inputs = [each.subscription for each in self._inputs if each.awaited]
-        return missing_peer(needed, inputs if self.settings.consumers else [])
+        waits = self.settings.consumers or self.bringup.connected
+        return missing_peer(needed, inputs if waits else [])
 
     def reject(self, subject: str, reason: str, text: str, number: int = 1) -> None:
         """
@@ -197,6 +203,7 @@ class ManagedNode(SettingsNode):
              **self.facts()})])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
+        self.bringup.tell(STATUS, message)
 
     def _lasting_faults(self) -> list[Fault]:
         faults = [Fault(self.get_name(), BROKEN, self.broken)] if self.broken else []
@@ -204,20 +211,17 @@ class ManagedNode(SettingsNode):
         return faults + [fault for each in self.outputs for fault in output_faults(self, each)]
 
     def _report_soon(self) -> None:
-        """
-        Report once the present transition is complete.
-
-        A restarted node repeats the report until bring-up, which waits for it, must have
-        discovered the node.
-        """
-        repeats = iter(range(_REPEATS if self.settings.lives else 1))
-
+        """Report once the present transition is complete."""
         def report() -> None:
-            if next(repeats, None) is None:
-                self.destroy_timer(timer)
-            else:
-                self.report()
-        timer = self.create_timer(_REPEATED_S if self.settings.lives else 0.0, report)
+            self.destroy_timer(timer)
+            self.report()
+        timer = self.create_timer(0.0, report)
+
+    def _on_transition(self, transition: Transition) -> None:
+        """Make the transition that bring-up asks for, and answer with the state after it."""
+        self.change_state(transition)
+        self.bringup.tell(CHANGE_STATE, TransitionEvent(
+            transition=transition, goal_state=State(id=self._state_machine.current_state[0])))
 
     def finish(self) -> None:
         """End the process: the node has done all its work."""

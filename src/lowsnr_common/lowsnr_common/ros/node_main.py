@@ -25,12 +25,13 @@ def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> 
     one line about a setting out of its bounds, 3 for a node that was shut down through its
     lifecycle, and 143 after SIGTERM.
     """
-    end_with_starter()
+    starter = end_with_starter()
     keep_freed_memory()
     rclpy.init(args=args)
     node = None
     try:
         node = make_node()
+        node.bringup.connect(starter)
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         if not node.autostart():

@@ -5,16 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from lowsnr_common.ros.connections import wait_for_readers
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from lowsnr_common.ros.bringup_line import BringupLine
+from lowsnr_common.ros.bringup_line import PARAMETERS
 from lowsnr_common.settings.flat_values import changed
 from lowsnr_common.settings.flat_values import flat_values
+from lowsnr_common.settings.text import one_line
+from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.lifecycle import LifecycleNode
 from rclpy.lifecycle import LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
-
-_EVENTS, _KNOWN_WITHIN_S = '/parameter_events', 1.0
 
 
 class SteadyLifecycleNode(LifecycleNode):
@@ -37,7 +40,7 @@ class SteadyLifecycleNode(LifecycleNode):
             try:
                 return make(state)
             except (OSError, RuntimeError, ValueError) as error:
-                self.get_logger().error(' '.join(str(error).split()))
+                self.get_logger().error(one_line(error))
                 return TransitionCallbackReturn.FAILURE
         return explained
 
@@ -52,6 +55,11 @@ class SteadyLifecycleNode(LifecycleNode):
             response.success = False
             return response
 
+    def change_state(self, transition: Transition) -> None:
+        """Make a transition as the service does: one that the state does not allow is rejected."""
+        self._LifecycleNodeMixin__on_change_state(
+            ChangeState.Request(transition=transition), ChangeState.Response())
+
 
 class SettingsNode(SteadyLifecycleNode):
     """
@@ -64,6 +72,7 @@ class SettingsNode(SteadyLifecycleNode):
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
         self.live: tuple[Any, ...] = ()
+        self.bringup = BringupLine(self)
 
     def complete(self, values: dict[str, Any]) -> dict[str, Any]:
         """Return these values and those that change with them; ValueError for a wrong one."""
@@ -81,7 +90,7 @@ class SettingsNode(SteadyLifecycleNode):
         try:
             live, parameters = self._checked(parameter_list)
         except ValueError as error:
-            self.get_logger().warning(f'not set: {error}')
+            self.get_logger().warning(f'not set: {one_line(error)}')
             return SetParametersResult(successful=False, reason=str(error))
         result = super().set_parameters_atomically(parameters)
         if result.successful and live != self.live:
@@ -89,11 +98,16 @@ class SettingsNode(SteadyLifecycleNode):
                 f'{name} = {new} (was {old})' for name, old, new in self._differences(live)))
             self.live = live
             self.on_set()
-            # Answer only once bring-up has received the event: it gives the value to the node
-            # again if the node dies and is restarted.
-            wait_for_readers(
-                (each for each in self.publishers if each.topic_name == _EVENTS), _KNOWN_WITHIN_S)
+            # Bring-up gives the values to the node again if it dies and is restarted.
+            self.bringup.tell(PARAMETERS, ParameterEvent(
+                node=self.get_fully_qualified_name(),
+                changed_parameters=[each.to_parameter_msg() for each in parameters]))
         return result
+
+    def destroy_node(self) -> None:
+        """Leave the line to bring-up, and ROS."""
+        self.bringup.leave()
+        super().destroy_node()
 
     def set_parameters(self, parameter_list: list[Parameter]) -> list[SetParametersResult]:
         """Set parameters one by one, by the same rules."""

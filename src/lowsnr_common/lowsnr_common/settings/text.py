@@ -19,10 +19,31 @@ _NO_VALUE = (
     ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError)
 
 
+def printable(text: object) -> str:
+    r"""
+    Return a text from outside as it is shown to people: in one line, nothing in it acts.
+
+    Line breaks, terminal escapes, marks that change the direction of writing and all else that
+    does not print is shown as Python writes it: ``\n``, ``\x1b``, ``\u202e``.
+    """
+    return ''.join(
+        each if each.isprintable() else each.encode('unicode_escape').decode()
+        for each in str(text))
+
+
+def printable_lines(text: object) -> str:
+    """Return a text whose lines are :func:`printable`; its line breaks are kept."""
+    return '\n'.join(map(printable, str(text).split('\n')))
+
+
+def cell_text(text: str) -> str:
+    """Return a text that no spreadsheet takes for a formula."""
+    return f"'{text}" if text.startswith(('=', '+', '-', '@')) else text
+
+
 def one_line(message: object) -> str:
     """Return a message as one printable line; the middle of a long one is left out."""
-    words = ''.join(each if each.isprintable() else ' ' for each in str(message)).split()
-    line = ' '.join(words)
+    line = ' '.join(map(printable, str(message).split()))
     if len(line) <= _MOST_LETTERS:
         return line
     return f'{line[:_MOST_LETTERS // 2]} ... {line[-_MOST_LETTERS // 2:]}'

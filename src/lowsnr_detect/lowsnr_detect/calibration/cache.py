@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from collections.abc import Mapping
 import hashlib
 import inspect
 import json
 import os
 from pathlib import Path
-import tempfile
 from typing import Any
-import warnings
+from uuid import uuid4
 
 import lowsnr_common.core
 import lowsnr_detect.parts
 import numpy as np
 
+Warn = Callable[[str], None]
+
 
 def default_folder() -> Path:
-    """Return ``$XDG_CACHE_HOME/lowsnr``, or ``~/.cache/lowsnr`` if the variable is not set."""
+    """
+    Return ``$XDG_CACHE_HOME/lowsnr``, or ``~/.cache/lowsnr`` if the variable is not set.
+
+    A user without a home, as a container may have, gets ``/.cache/lowsnr``.
+    """
     base = os.environ.get('XDG_CACHE_HOME')
-    return (Path(base) if base else Path.home() / '.cache') / 'lowsnr'
+    home = os.path.expanduser('~')  # which returns '~' where there is none
+    return (Path(base) if base else Path('/', '' if home == '~' else home, '.cache')) / 'lowsnr'
 
 
 def cache_key(cls: type, content: Mapping[str, Any]) -> str:
@@ -43,30 +50,59 @@ def cache_key(cls: type, content: Mapping[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
-def load(folder: Path, key: str) -> dict[str, Any] | None:
-    """Return the record of a key; None if there is none that can be read."""
+def load(folder: Path, key: str, warn: Warn) -> dict[str, Any] | None:
+    """
+    Return the record of a key, or None if there is none.
+
+    A file that does not hold what :func:`save` wrote is not used; ``warn`` receives a line that
+    names it.
+    """
+    path = _path(folder, key)
     try:
-        found = json.loads((folder / f'{key}.json').read_text(encoding='utf-8'))
-    except (OSError, ValueError):
+        found = json.loads(path.read_text(encoding='utf-8'))
+        if found['seal'] == _seal(key, found['record']):
+            return dict(found['record'])
+        fault = 'its values are not those that were written'
+    except FileNotFoundError:
         return None
-    return found if isinstance(found, dict) else None
+    except OSError as error:
+        fault = str(error.strerror)
+    except (ValueError, LookupError, TypeError, RecursionError):
+        fault = 'it is not a calibration'
+    warn(f'{path}: cannot be used: {fault}; the calibration is made again')
+    return None
 
 
-def save(folder: Path, key: str, record: Mapping[str, Any]) -> None:
+def save(folder: Path, key: str, record: Mapping[str, Any], warn: Warn) -> None:
     """
     Write the record of a key in one step, so that other processes never read a part of it.
 
-    A folder that cannot be written costs only the time to calibrate again, so that it is a
-    warning.
+    A folder that cannot be written costs only the time to calibrate again; ``warn`` receives a
+    line that names the file.
     """
+    path = _path(folder, key)
+    text = json.dumps({'seal': _seal(key, record), 'record': record}, indent=1, allow_nan=False)
+    draft = path.with_suffix(f'.{uuid4().hex}.tmp')
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(
-                'w', dir=folder, prefix=f'{key}.', delete=False, encoding='utf-8') as file:
-            json.dump(record, file, indent=1)
-        os.replace(file.name, folder / f'{key}.json')
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        try:
+            with draft.open('x', encoding='utf-8') as file:
+                file.write(text)
+            draft.replace(path)
+        finally:
+            draft.unlink(missing_ok=True)
     except OSError as error:
-        warnings.warn(f'{folder}: calibration not kept: {error.strerror}', stacklevel=2)
+        warn(f'{path}: the calibration is not kept: {error.strerror}')
+
+
+def _path(folder: Path, key: str) -> Path:
+    return folder / f'{key}.json'
+
+
+def _seal(key: str, record: Mapping[str, Any]) -> str:
+    """Return a digest of a record and the key that it belongs to."""
+    text = json.dumps([key, record], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _code_digest(cls: type) -> str:

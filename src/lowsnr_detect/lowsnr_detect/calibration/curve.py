@@ -8,7 +8,6 @@ is simulated once for the settings of a detector and a frame size
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from collections.abc import Mapping
 from dataclasses import asdict
 from dataclasses import dataclass
@@ -17,9 +16,8 @@ from typing import Any
 
 import numpy as np
 
-# Values at each point of a curve, and all values of one.
+# Values at each point of a curve.
 _COLUMNS = ('threshold', 'low', 'high', 'measured_prob')
-_NAMES = ('shape', 'simulated_shape', 'runs', 'frames', 'seed', 'log_odds', *_COLUMNS)
 
 
 @dataclass(frozen=True)
@@ -109,51 +107,12 @@ class Curve:
         return asdict(self)
 
 
-def curve_from_record(record: Mapping[str, Any], shape: tuple[int, int]) -> Curve:
-    """
-    Return the curve that a record of :meth:`Curve.record` holds, checked.
-
-    Parameters
-    ----------
-    record
-        Values of JSON types, possibly damaged.
-    shape
-        Rows and columns that the curve must be for.
-
-    Raises
-    ------
-    ValueError
-        Names a value that is missing or cannot be that of such a curve.
-
-    """
-    for name, sound in _checks({name: record.get(name) for name in _NAMES}, shape):
-        if not sound:
-            raise ValueError(f'{name} = {record.get(name)!r} is not that of a curve')
+def curve_from_record(record: Mapping[str, Any]) -> Curve:
+    """Return the curve that a record of :meth:`Curve.record` holds."""
     values: dict[str, Any] = {
-        name: tuple(record[name]) if isinstance(record[name], list) else record[name]
-        for name in _NAMES}
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in record.items()}
     return Curve(**values)
-
-
-def _checks(value: Mapping[str, Any], shape: tuple[int, int]) -> Iterator[tuple[str, bool]]:
-    """Yield name and soundness of each value; a later check relies on the earlier ones."""
-    for name in ('runs', 'frames', 'seed'):
-        yield name, type(value[name]) is int and value[name] >= (name != 'seed')
-    for name in ('shape', 'simulated_shape'):
-        yield name, isinstance(value[name], list) and len(value[name]) == 2 and all(
-            type(item) is int and item > 0 for item in value[name])
-    yield 'shape', tuple(value['shape']) == shape
-    for name in ('log_odds', *_COLUMNS):
-        yield name, isinstance(value[name], list) and len(value[name]) > 1 and all(
-            isinstance(item, float) and math.isfinite(item) for item in value[name])
-        yield name, len(value[name]) == len(value['log_odds'])
-    odds, threshold, low, high, measured = (
-        np.array(value[name]) for name in ('log_odds', *_COLUMNS))
-    yield 'log_odds', bool(np.all(np.diff(odds) > 0.0))
-    yield 'threshold', bool(np.all(np.diff(threshold) <= 0.0))
-    yield 'low', bool(np.all(low <= threshold))
-    yield 'high', bool(np.all(high >= threshold))
-    yield 'measured_prob', bool(np.all((measured >= 0.0) & (measured <= 1.0)))
 
 
 def part_prob(prob: float, shape: tuple[int, int], part: tuple[int, int]) -> float:

@@ -14,6 +14,7 @@ import math
 from pathlib import Path
 from typing import Any
 from typing import TypeVar
+import warnings
 
 from lowsnr_common.settings.flat_values import flat_values
 from lowsnr_common.settings.node_settings import DetectionSettings
@@ -21,6 +22,7 @@ from lowsnr_detect.calibration.cache import cache_key
 from lowsnr_detect.calibration.cache import default_folder
 from lowsnr_detect.calibration.cache import load
 from lowsnr_detect.calibration.cache import save
+from lowsnr_detect.calibration.cache import Warn
 from lowsnr_detect.calibration.curve import Calibration
 from lowsnr_detect.calibration.curve import Curve
 from lowsnr_detect.calibration.curve import curve_from_record
@@ -52,16 +54,17 @@ def calibrate(
 
 def calibrated(
     detector: Detector, false_alarm_prob: float, shape: tuple[int, int], *,
-    folder: Path | None = None, progress: Progress | None = None, **options: Any,
+    folder: Path | None = None, progress: Progress | None = None, warn: Warn = warnings.warn,
+    **options: Any,
 ) -> Calibration:
     """Return what :func:`calibrate` does, from the curve on disk if there is one."""
-    found = curve(detector, shape, folder=folder, progress=progress, **options)
+    found = curve(detector, shape, folder=folder, progress=progress, warn=warn, **options)
     return found.at(false_alarm_prob)
 
 
 def curve(
     detector: Detector, shape: tuple[int, int], *, folder: Path | None = None,
-    progress: Progress | None = None, **options: Any,
+    progress: Progress | None = None, warn: Warn = warnings.warn, **options: Any,
 ) -> Curve:
     """
     Return the curve of a detector: from disk, or simulated and kept there.
@@ -73,24 +76,24 @@ def curve(
         not called for a curve on disk.
     folder
         Folder of the curves; by default the user's.
+    warn
+        Receives a line for a file that cannot be used, and for one that cannot be written.
 
     """
-    found = known_curve(detector, shape, folder=folder, **options)
+    found = known_curve(detector, shape, folder=folder, warn=warn, **options)
     if found is None:
         found = simulate_curve(detector, shape, progress=progress, **options)
-        save(folder or default_folder(), _key(detector, shape, options), found.record())
+        save(folder or default_folder(), _key(detector, shape, options), found.record(), warn)
     return found
 
 
 def known_curve(
-    detector: Detector, shape: tuple[int, int], *, folder: Path | None = None, **options: Any,
+    detector: Detector, shape: tuple[int, int], *, folder: Path | None = None,
+    warn: Warn = warnings.warn, **options: Any,
 ) -> Curve | None:
     """Return the curve of a detector if it is on disk and sound, else None."""
-    record = load(folder or default_folder(), _key(detector, shape, options))
-    try:
-        return None if record is None else curve_from_record(record, shape)
-    except ValueError:
-        return None
+    record = load(folder or default_folder(), _key(detector, shape, options), warn)
+    return None if record is None else curve_from_record(record)
 
 
 def at_operating_point(

@@ -54,7 +54,7 @@ class LiveDetector:
         detector, operating = settings
         if operating.operating_point == 'matched':
             self._curves[_untuned(detector)] = curve(
-                detector, shape, progress=logged_progress(name, shape, log))
+                detector, shape, progress=logged_progress(name, shape, log), warn=log)
         self._detector = self._tuned(settings)
         self._memory = self._detector.init(shape)
 
@@ -93,7 +93,7 @@ class LiveDetector:
             AdaptiveDetector(detector, operating.false_alarm_prob, self.shape)
         if operating.operating_point != 'matched' or _untuned(detector) in self._curves:
             return
-        if (found := known_curve(detector, self.shape)) is None:
+        if (found := known_curve(detector, self.shape, warn=self._log)) is None:
             rows, cols = self.shape
             raise ValueError(
                 f'there is no calibration of {self.name} with these settings for operating_point '

@@ -5,14 +5,21 @@ from __future__ import annotations
 import base64
 from collections.abc import Iterable
 from collections.abc import Sequence
-from html import escape
+import html
 from importlib.metadata import version
 from importlib.resources import files
 import platform
 from string import Template
 import sys
 
+from lowsnr_common.settings.text import printable_lines
+
 _PACKAGES = ('numpy', 'scipy', 'numba', 'distributed', 'matplotlib')
+
+
+def _shown(text: object) -> str:
+    """Return a text as HTML that shows it, and characters that do not print escaped."""
+    return html.escape(printable_lines(text))
 
 
 class Markup(str):
@@ -31,20 +38,20 @@ def fill(name: str, **values: object) -> Markup:
 
 def page(title: str, sections: Iterable[str]) -> Markup:
     """Return a whole page."""
-    return fill('page.html', title=escape(title), style=asset('page.css'),
+    return fill('page.html', title=_shown(title), style=asset('page.css'),
                 body='\n'.join(sections))
 
 
 def section(title: str, *parts: str) -> Markup:
     """Return a section with a heading; plain text becomes paragraphs."""
-    body = '\n'.join(part if isinstance(part, Markup) else f'<p>{escape(part)}</p>'
+    body = '\n'.join(part if isinstance(part, Markup) else f'<p>{_shown(part)}</p>'
                      for part in parts)
-    return Markup(f'<section>\n<h2>{escape(title)}</h2>\n{body}\n</section>')
+    return Markup(f'<section>\n<h2>{_shown(title)}</h2>\n{body}\n</section>')
 
 
 def table(headers: Sequence[str], rows: Iterable[Sequence[object]]) -> Markup:
     """Return a table; numbers are aligned to the right, and None is a dash."""
-    head = ''.join(f'<th>{escape(name)}</th>' for name in headers)
+    head = ''.join(f'<th>{_shown(name)}</th>' for name in headers)
     body = '\n'.join(f'<tr>{"".join(map(_cell, row))}</tr>' for row in rows)
     return Markup(f'<div class="wide"><table>\n<tr>{head}</tr>\n{body}\n</table></div>')
 
@@ -53,18 +60,18 @@ def picture(svg: str, caption: str) -> Markup:
     """Return a figure of an SVG."""
     data = base64.b64encode(svg.encode()).decode()
     return Markup(
-        f'<figure><img alt="{escape(caption)}" src="data:image/svg+xml;base64,{data}">'
-        f'<figcaption>{escape(caption)}</figcaption></figure>')
+        f'<figure><img alt="{_shown(caption)}" src="data:image/svg+xml;base64,{data}">'
+        f'<figcaption>{_shown(caption)}</figcaption></figure>')
 
 
 def preformatted(text: str) -> Markup:
     """Return text in a box, with its spaces and line breaks."""
-    return Markup(f'<pre>{escape(text)}</pre>')
+    return Markup(f'<pre>{_shown(text)}</pre>')
 
 
 def folded(title: str, content: str) -> Markup:
     """Return content that the reader can unfold."""
-    return Markup(f'<details><summary>{escape(title)}</summary>{content}</details>')
+    return Markup(f'<details><summary>{_shown(title)}</summary>{content}</details>')
 
 
 def versions() -> Markup:
@@ -83,4 +90,4 @@ def _cell(value: object) -> str:
     if isinstance(value, float):
         return f'<td class="n">{value:.3g}</td>'
     kind = ' class="n"' if isinstance(value, int) else ''
-    return f'<td{kind}>{escape(str(value))}</td>'
+    return f'<td{kind}>{_shown(value)}</td>'

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from lowsnr_common.settings.text import printable
+
 _LEVELS = ('detection', 'tracking')
 _HEADERS = (
     ('', '', 'P_D', 'P_FA per frame', 'false', 'first hit', 'RMSE', 'RMSE', 'GOSPA'),
@@ -36,17 +38,17 @@ def format_table(summary: Mapping[str, Any]) -> str:
     """
     frames, detectors = summary['frames'], summary['detectors']
     title = (
-        f'{summary["scenario"]}, seed {summary["seed"]}: {frames["published"]} frames '
+        f'{printable(summary["scenario"])}, seed {summary["seed"]}: {frames["published"]} frames '
         f'published, {frames["scored"]} scored, {frames["unanswered"]} unanswered'
         + (f', {frames["unseen"]} unseen' if frames['unseen'] else ''))
     if summary['restarts']:
         title += '\nstarted again: ' + ', '.join(
-            f'{name} {count} x' for name, count in summary['restarts'].items())
+            f'{printable(name)} {count} x' for name, count in summary['restarts'].items())
     rows = [
-        _row(name, level, figures[level])
+        _row(printable(name), level, figures[level])
         for name, figures in detectors.items() for level in _LEVELS]
     legend = _LEGEND.format(gate=summary['evaluation']['gate_cells'])
-    notes = [_note(name, figures) for name, figures in detectors.items()]
+    notes = [_note(printable(name), figures) for name, figures in detectors.items()]
     return '\n'.join([title, '', *_align([*_HEADERS, *rows]), legend, *notes])
 
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
-import csv
 import json
 from pathlib import Path
 from typing import Any
@@ -14,7 +12,9 @@ from lowsnr_bringup.run import results_folder as files
 from lowsnr_common.settings.flat_values import flat_values
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.node_settings import RunSettings
-from lowsnr_common.settings.text import read_yaml
+from lowsnr_eval.scoring.earlier_run import earlier_counts
+from lowsnr_eval.scoring.earlier_run import earlier_restarts
+from lowsnr_eval.scoring.earlier_run import evaluator_parameters
 from lowsnr_eval.scoring.score_tables import read_frames
 from lowsnr_eval.scoring.score_tables import read_latency
 from lowsnr_eval.scoring.tallies import Tallies
@@ -101,20 +101,8 @@ def summarize_folder(folder: Path) -> None:
     evaluator has not seen are unknown.  A folder without the parameters of a run, or without a
     scored frame, raises ValueError too.
     """
-    parameters = folder / files.PARAMETERS_FILE
-    try:
-        evaluator = dict(read_yaml(parameters)['/evaluator']['ros__parameters'])
-    except (LookupError, TypeError):
-        raise ValueError(f'{parameters}: holds no parameters of an evaluator') from None
-    try:
-        earlier = json.loads((folder / files.SUMMARY_FILE).read_text(encoding='utf-8'))
-        published = int(earlier['frames']['published'])
-    except (OSError, ValueError, LookupError, TypeError):
-        published = 0
-    restarts: Counter[str] = Counter()
-    if (folder / files.RESTARTS_FILE).is_file():
-        with (folder / files.RESTARTS_FILE).open(encoding='utf-8', newline='') as file:
-            restarts.update(row['node'] for row in csv.DictReader(file))
-    summarize_run(folder, evaluator, files.Account(published, restarts))
+    account = files.Account(
+        earlier_counts(folder).get('published', 0), earlier_restarts(folder))
+    summarize_run(folder, evaluator_parameters(folder), account)
     if not (folder / files.SUMMARY_FILE).is_file():
         raise ValueError(f'{folder}: nothing was scored')

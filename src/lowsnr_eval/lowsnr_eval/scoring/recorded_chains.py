@@ -15,6 +15,7 @@ from lowsnr_bringup.plan import graph
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.node_settings import NodeSettings
 from lowsnr_common.settings.node_settings import RunSettings
+from lowsnr_common.settings.text import cell_text
 from lowsnr_common.settings.text import one_line
 from lowsnr_eval.scoring.run_scoring import TRUTH
 
@@ -99,8 +100,8 @@ def _names(bag: Bag, known: Mapping[str, str]) -> dict[str, str]:
     order = [space for space in known if space in spaces]
     names: dict[str, str] = {}
     for space in order + sorted(spaces.difference(order)):
-        wanted = name = one_line(
-            known.get(space) or space.strip('/').replace('/', '.')) or 'recorded'
+        wanted = name = cell_text(one_line(
+            known.get(space) or space.strip('/').replace('/', '.'))) or 'recorded'
         while name in names.values():
             name = f'{wanted}-{len(names) + 1}'
         names[space] = name

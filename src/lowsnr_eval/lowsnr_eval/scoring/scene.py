@@ -158,7 +158,7 @@ def _cut_to_whole(folder: Path) -> tuple[int, int]:
             letters, cells = letters + len(text), cells + size
         os.truncate(folder / SCENE_FILE, letters)
         os.truncate(folder / PIXELS_FILE, 4 * cells)
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         letters = cells = _BUDGET + 1  # add nothing to what cannot be read
     return letters, cells
 

@@ -21,6 +21,8 @@ FRAME_COLUMNS = (
 LATENCY_COLUMNS = ('frame', 'detector', 'latency_ms', 'detection_ms')
 _NAMELESS = '%'
 _LONGEST_CACHED = 200
+# Largest count, time [s or ms] and figure of merit that a line of a run can have.
+_MOST, _LATEST, _LARGEST = 2**53, 2.0**43, 1e150
 # The ids of 10,000 objects of 255 letters, each letter escaped, are 31 MB.
 csv.field_size_limit(2**26)
 
@@ -63,7 +65,7 @@ def frame_score(line: bytes) -> FrameScore:
     frame, stamp, rest = line.split(b',', 2)
     # In a long run most lines are alike, but for frame and stamp.
     parse = _cached_score_of if len(rest) < _LONGEST_CACHED else _score_of
-    return FrameScore(int(frame), float(stamp), *parse(rest))
+    return FrameScore(_count(frame), _time(stamp), *parse(rest))
 
 
 def _score_of(rest: bytes) -> tuple[str, str, tuple[str, ...] | None, Comparison | None]:
@@ -74,9 +76,8 @@ def _score_of(rest: bytes) -> tuple[str, str, tuple[str, ...] | None, Comparison
     if not declared:
         return detector, level, ids, None
     return detector, level, ids, Comparison(
-        int(declared), _ids(hit_ids), int(false_alarms) if false_alarms else None,
-        float(position) if position else None, float(velocity) if velocity else None,
-        float(gospa) if gospa else None, int(velocities))
+        _count(declared), _ids(hit_ids), _count(false_alarms) if false_alarms else None,
+        _figure(position), _figure(velocity), _figure(gospa), _count(velocities))
 
 
 _cached_score_of = lru_cache(maxsize=4096)(_score_of)
@@ -91,12 +92,37 @@ def latency_row(frame: int, detector: str, answer: Answer) -> list[Any]:
 def latency(line: bytes) -> Latency:
     """Return the wall times that a line of :func:`latency_row` holds, or raise ValueError."""
     frame, detector, tracks, detections = next(csv.reader([line.decode()]))
-    return Latency(int(frame), detector, float(tracks), float(detections) if detections else None)
+    return Latency(
+        _count(frame), detector, _time(tracks), _time(detections) if detections else None)
+
+
+def _count(text: str | bytes) -> int:
+    return int(_within(int(text), 0, _MOST))
+
+
+def _time(text: str | bytes) -> float:
+    return _within(float(text), -_LATEST, _LATEST)
+
+
+def _figure(text: str) -> float | None:
+    return _within(float(text), 0.0, _LARGEST) if text else None
+
+
+def _within(value: float, least: float, most: float) -> float:
+    """Return a value that a run can have; its sums and squares are then finite too."""
+    if not least <= value <= most:
+        raise ValueError(value)
+    return value
 
 
 def _id_field(ids: Iterable[str]) -> str:
-    """Return ids as one field, separated by spaces, all but plain letters escaped."""
-    return ' '.join(quote(name, safe='') or _NAMELESS for name in ids)
+    """
+    Return ids as one field, separated by spaces, all but plain letters escaped.
+
+    So is a minus at the start, which a spreadsheet would take for that of a formula.
+    """
+    fields = (quote(name, safe='') or _NAMELESS for name in ids)
+    return ' '.join(f'%2D{each[1:]}' if each[0] == '-' else each for each in fields)
 
 
 def _ids(field: str) -> tuple[str, ...]:

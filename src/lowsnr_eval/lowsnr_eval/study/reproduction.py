@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from collections.abc import Mapping
 from typing import Any
 
+from lowsnr_bringup.run.progress import progress
 from lowsnr_detect.calibration.operating_point import calibrated
 from lowsnr_eval.study.experiment import Block
 from lowsnr_eval.study.experiment import BlockResults
@@ -17,18 +18,17 @@ from lowsnr_eval.study.study_folder import StudyFolder
 from lowsnr_eval.study.study_results import join_blocks
 from lowsnr_eval.study.study_results import StudyResults
 from lowsnr_eval.study.workers import Workers
-from tqdm import tqdm
 
 
 def calibrate_all(workers: Workers, studies: Iterable[Study]) -> Thresholds:
-    """Return the matched thresholds of some studies [nat]; show a progress bar."""
+    """Return the matched thresholds of some studies [nat]; show the progress."""
     wanted = set().union(*(study.calibrations() for study in studies))
     tasks = {str(item): (item,) for item in sorted(wanted, key=_calibration_cost, reverse=True)}
     found = {}
-    with tqdm(total=len(tasks), desc='calibrating', unit='threshold', dynamic_ncols=True) as bar:
+    with progress('calibrating', len(tasks), 'thresholds') as advance:
         def keep(name: str, threshold: float) -> None:
             found[tasks[name][0]] = threshold
-            bar.update()
+            advance(1)
 
         workers.run(_calibrate, tasks, keep)
     return found
@@ -37,16 +37,14 @@ def calibrate_all(workers: Workers, studies: Iterable[Study]) -> Thresholds:
 def run_study(
     workers: Workers, study: Study, thresholds: Thresholds, folder: StudyFolder,
 ) -> None:
-    """Run the blocks that the folder does not hold yet; show a progress bar."""
+    """Run the blocks that the folder does not hold yet; show the progress."""
     blocks = study.blocks(thresholds)
     missing = {name: block for name, block in blocks.items() if folder.load(name) is None}
     total, left = (sum(block.count for block in some.values()) for some in (blocks, missing))
-    # The runs that an earlier start finished are no part of the rate.
-    with tqdm(total=total, initial=total - left, desc=study.example.scenario, unit='run',
-              dynamic_ncols=True) as bar:
+    with progress(study.example.scenario, total, 'runs', done=total - left) as advance:
         def keep(name: str, results: BlockResults) -> None:
             folder.save(name, results)
-            bar.update(blocks[name].count)
+            advance(blocks[name].count)
 
         workers.run(run_block, _costliest_first(missing), keep)
 

@@ -23,10 +23,12 @@ from multiprocessing import get_context
 from multiprocessing import parent_process
 from multiprocessing.process import BaseProcess
 import os
+from pathlib import Path
 import signal
 import threading
 from typing import Any
 from typing import ClassVar
+from typing import NamedTuple
 
 # Every worker has one core.
 _THREADS = ('OMP_NUM_THREADS', 'MKL_NUM_THREADS', 'OPENBLAS_NUM_THREADS')
@@ -34,6 +36,14 @@ _THREADS = ('OMP_NUM_THREADS', 'MKL_NUM_THREADS', 'OPENBLAS_NUM_THREADS')
 
 class WorkerDiedError(RuntimeError):
     """Workers died too often; the message names the last one and how it ended."""
+
+
+class TlsFiles(NamedTuple):
+    """PEM files of a connection by TLS: its authority, and certificate and key of this side."""
+
+    ca: Path
+    cert: Path
+    key: Path
 
 
 class Workers(ABC):
@@ -160,7 +170,9 @@ class LocalWorkers(Workers):
 
 
 @contextlib.contextmanager
-def workers(jobs: int, scheduler: str | None, log: Callable[[str], None]) -> Iterator[Workers]:
+def workers(
+    jobs: int, scheduler: str | None, log: Callable[[str], None], tls: TlsFiles | None = None,
+) -> Iterator[Workers]:
     """
     Yield workers: local processes, or those of an existing dask scheduler.
 
@@ -172,6 +184,8 @@ def workers(jobs: int, scheduler: str | None, log: Callable[[str], None]) -> Ite
         Address of a scheduler, ``HOST:PORT``; its workers must have the same packages.
     log
         Receives a line for each worker that died.
+    tls
+        What the connection to a scheduler on another machine needs.
 
     Raises
     ------
@@ -187,7 +201,7 @@ def workers(jobs: int, scheduler: str | None, log: Callable[[str], None]) -> Ite
             # Imported here, because a local run does not need dask.
             from lowsnr_eval.study.scheduler import connected
             from lowsnr_eval.study.scheduler import SchedulerWorkers
-            found = SchedulerWorkers(log, stack.enter_context(connected(scheduler)))
+            found = SchedulerWorkers(log, stack.enter_context(connected(scheduler, tls)))
         stack.callback(found.close)
         yield found
 

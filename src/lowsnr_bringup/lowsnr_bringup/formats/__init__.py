@@ -1,0 +1,1 @@
+"""Formats of files with frames, read within bounds whatever a file declares."""
