@@ -104,7 +104,7 @@ def test_regions_have_thresholds_of_their_own(rng):
     state = detector.init((1, 64, 192))
     for frame in frames:
         state, _ = detector.step(state, frame, rng)
-    threshold = detector.tails[0].thresholds(state.tails[0])[0][0]
+    threshold = detector.tails[0].thresholds(state.tails[0]).threshold[0]
     # u^2 / 2 of three times the noise is nine times as large (eight sigma are the limit).
     assert threshold[:, 160:].min() > 5.0 * threshold[:, :32].max()
 
@@ -178,8 +178,8 @@ def test_object_is_left_out_and_clutter_everywhere_is_not():
         for _ in range(6):
             plane = rng.uniform(0.0, 4.0, (1, 32, 32)).astype(np.float32)
             plane.reshape(-1)[::25][:crossing] = 200.0
-            memory, _ = threshold.step(memory, plane)
-        highest[crossing] = threshold.thresholds(memory)[0].max()
+            memory, _ = threshold.step(memory, plane, threshold.thresholds(memory))
+        highest[crossing] = threshold.thresholds(memory).threshold.max()
     assert highest[1] < 100.0
     assert highest[40] > 150.0
 

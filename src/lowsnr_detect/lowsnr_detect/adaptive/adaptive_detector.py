@@ -132,9 +132,10 @@ class AdaptiveDetector:
         memories, tails, odds = [], [], []
         for member, memory, threshold, tail in zip(
                 self.members, state.members, self.tails, state.tails, strict=True):
-            bound = threshold.thresholds(tail)[0].reshape(frame.shape)
+            limits = threshold.thresholds(tail)
+            bound = limits.threshold.reshape(frame.shape)
             memory, plane = member.statistic(member.bounded(memory, bound), frame)
-            tail, compared = threshold.step(tail, plane.reshape(-1, *self.shape))
+            tail, compared = threshold.step(tail, plane.reshape(-1, *self.shape), limits)
             memories.append(memory)
             tails.append(tail)
             odds.append(compared.reshape(frame.shape))
@@ -150,5 +151,5 @@ class AdaptiveDetector:
 
     def largest(self, state: AdaptiveMemory) -> float:
         """Return the largest threshold of the next frame, over cells and members [nat]."""
-        return max(float(threshold.thresholds(tail)[0].max()) for threshold, tail in zip(
+        return max(float(threshold.thresholds(tail).threshold.max()) for threshold, tail in zip(
             self.tails, state.tails, strict=True))

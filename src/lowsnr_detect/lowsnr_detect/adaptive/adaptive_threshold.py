@@ -22,6 +22,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from dataclasses import field
 import math
+from typing import Any
 
 from lowsnr_detect.adaptive.local_maxima import local_maxima
 from lowsnr_detect.adaptive.pareto_tail import EDGES
@@ -31,6 +32,7 @@ from lowsnr_detect.adaptive.region_maps import bin_quantile
 from lowsnr_detect.adaptive.region_maps import interpolation
 from lowsnr_detect.adaptive.region_maps import pooled
 from lowsnr_detect.adaptive.tail_memory import TailMemory
+from lowsnr_detect.adaptive.tail_memory import Thresholds
 from lowsnr_detect.adaptive.tail_memory import WhiteTail
 import numpy as np
 
@@ -95,14 +97,19 @@ class AdaptiveThreshold:
         """Return the share of frames with a crossing that is near none of the frame before."""
         return np.asarray(memory.alarms / max(memory.answered, 1.0))
 
-    def thresholds(self, memory: TailMemory) -> tuple[np.ndarray, np.ndarray]:
-        """Return threshold and scale [nat] of every cell for the next frame, (P, rows, cols)."""
-        level, excess, scale, slope = self._regions(memory)
-        down, across = (interpolation(*each) for each in zip(self.shape, self.grid, strict=True))
-        return (down @ (level + scale * excess) @ across.T, down @ (scale / slope) @ across.T)
+    def thresholds(self, memory: TailMemory) -> Thresholds:
+        """Return the thresholds for the next frame."""
+        level, excess, scale, slope = (
+            each.astype(np.float32) for each in self._regions(memory))
+        down, across = self._interpolations
+        # One product of matrices a plane: NumPy multiplies stacks of them without BLAS.
+        threshold, scales = (
+            np.stack([down @ each @ across.T for each in maps])
+            for maps in (level + scale * excess, scale / slope))
+        return Thresholds(threshold, scales, excess, slope)
 
     def step(
-        self, memory: TailMemory, planes: np.ndarray,
+        self, memory: TailMemory, planes: np.ndarray, limits: Thresholds,
     ) -> tuple[TailMemory, np.ndarray]:
         """
         Compare planes with the thresholds from earlier frames, and learn from them.
@@ -113,6 +120,8 @@ class AdaptiveThreshold:
             Memory after the frame before.
         planes : (P, rows, cols) ndarray of float32
             Statistic of independent runs.
+        limits
+            What :meth:`thresholds` returns for the memory.
 
         Returns
         -------
@@ -123,20 +132,24 @@ class AdaptiveThreshold:
             without a local maximum and in the first ones, from which nothing is known yet.
 
         """
-        level, excess, scale, slope = self._regions(memory)
-        down, across = (interpolation(*each) for each in zip(self.shape, self.grid, strict=True))
-        normalised = (planes - down @ level @ across.T) / (down @ scale @ across.T)
-        odds = (normalised - down @ excess @ across.T) * (down @ slope @ across.T)
+        odds = planes - limits.threshold
+        odds /= limits.scale
         found = [local_maxima(np.ascontiguousarray(plane), max(self.reach, 1)) for plane in planes]
         if not any(value.size for _, _, value in found):
             return memory, np.full_like(planes, -np.inf)
         answers = memory.frames >= LEARNING_FRAMES
-        memory = self._learned(memory, found, normalised, odds, answers)
-        return memory, odds.astype(np.float32) if answers else np.full_like(planes, -np.inf)
+        memory = self._learned(memory, found, odds, limits, answers)
+        return memory, odds if answers else np.full_like(planes, -np.inf)
+
+    @property
+    def _interpolations(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the weights from regions to rows and to columns."""
+        (rows, cols), (down, across) = self.shape, self.grid
+        return interpolation(rows, down), interpolation(cols, across)
 
     def _learned(
         self, memory: TailMemory, found: list[tuple[np.ndarray, np.ndarray, np.ndarray]],
-        normalised: np.ndarray, odds: np.ndarray, answers: bool,
+        odds: np.ndarray, limits: Thresholds, answers: bool,
     ) -> TailMemory:
         """Return the memory with the maxima of a frame, those of objects left out."""
         kept = 1.0 - 1.0 / _MEMORY_FRAMES
@@ -144,8 +157,8 @@ class AdaptiveThreshold:
         alarms, crossed = kept * memory.alarms, np.zeros_like(memory.crossed)
         held = []
         for n, (row, col, value) in enumerate(found):
-            seen = np.stack([row, col, value, normalised[n, row, col]])
             above = odds[n, row, col] > 0.0
+            seen = np.stack([row, col, value, self._excess(limits, odds, (n, row, col))])
             for i, j in zip(row[above], col[above]):
                 crossed[n, max(i - _FOLLOWED, 0):i + _FOLLOWED + 1,
                         max(j - _FOLLOWED, 0):j + _FOLLOWED + 1] = True
@@ -161,6 +174,16 @@ class AdaptiveThreshold:
         return TailMemory(
             maxima, excesses, alarms, kept * memory.weight + 1.0,
             kept * memory.answered + answers, memory.frames + 1, crossed, tuple(held))
+
+    def _excess(
+        self, limits: Thresholds, odds: np.ndarray, cells: tuple[Any, ...],
+    ) -> np.ndarray:
+        """Return the normalised excess of cells, with the limits of the regions around."""
+        n, row, col = cells
+        down, across = (each[at] for each, at in zip(self._interpolations, (row, col)))
+        limit, slope = (
+            np.sum(down @ each[n] * across, axis=1) for each in (limits.excess, limits.slope))
+        return np.asarray(limit + odds[n, row, col] / slope)
 
     def _region(self, row: np.ndarray, col: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the region of each cell."""

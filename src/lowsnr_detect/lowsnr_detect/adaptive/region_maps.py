@@ -32,4 +32,4 @@ def bin_quantile(counts: np.ndarray, part: float) -> np.ndarray:
 def interpolation(size: int, regions: int) -> np.ndarray:
     """Return the weights (size, regions) that interpolate between the centres of regions."""
     place = np.clip((np.arange(size) + 0.5) * regions / size - 0.5, 0.0, regions - 1.0)
-    return np.asarray(np.maximum(1.0 - abs(place[:, None] - np.arange(regions)), 0.0))
+    return np.asarray(np.maximum(1.0 - abs(place[:, None] - np.arange(regions)), 0.0), np.float32)

@@ -56,3 +56,18 @@ class TailMemory:
     frames: int
     crossed: np.ndarray
     held: tuple[np.ndarray, ...] = ()
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """
+    Thresholds of P planes in one frame.
+
+    ``threshold`` and ``scale`` [nat] are (P, rows, cols); ``excess``, the limit of the normalised
+    excess, and ``slope``, that of the log odds there, are (P, R, C), by region.
+    """
+
+    threshold: np.ndarray
+    scale: np.ndarray
+    excess: np.ndarray
+    slope: np.ndarray
