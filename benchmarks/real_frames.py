@@ -145,7 +145,8 @@ def followed(data: Any, frames: Any, options: Any) -> tuple[list[Any], list[Any]
         for places, items in ((found, declared.estimates()), (tracks, answer.confirmed)):
             place = np.array([item.state[[0, 2]] for item in items]).reshape(-1, 2)
             shift = (np.array(output.origin) - corner)[::-1]
-            places.append(ConditioningSettings().pixels(place - shift, output))
+            where = ConditioningSettings().frame_map(output, '', frames[0].shape)
+            places.append(where.pixels(place - shift))
     return found, tracks, detector.measured(memory)
 
 

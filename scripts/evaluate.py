@@ -38,10 +38,10 @@ def parse_arguments(arguments: list[str]) -> argparse.Namespace:
         help='folder for results (default: results/BAG-evaluated, or that with a number)')
     parser.add_argument(
         '--frames-topic', metavar='TOPIC',
-        help='topic of the frames, for the report (default: the one that the detectors read)')
+        help='topic of the frames, for the report (default: those of the camera or sensor)')
     parser.add_argument(
         '--truth-topic', metavar='TOPIC',
-        help='topic of the truth (default: /ground_truth, or /conditioned/ground_truth)')
+        help='topic of the truth (default: /ground_truth)')
     return parser.parse_args(arguments)
 
 

@@ -30,13 +30,17 @@ def remaps(run):
     return {node.path: set(node.remaps) for node in run.nodes if node.remaps}
 
 
-def test_only_the_conditioner_subscribes_to_the_camera():
+def test_detectors_of_a_camera_read_the_frames_of_the_conditioner():
     run = plan()
     assert [node.path for node in run.nodes] == [
         '/evaluator', '/tracker', '/sdt_detector', '/conditioner']
-    assert remaps(run)['/conditioner'] == {f'image_raw:={TOPIC}'}
-    assert remaps(run)['/sdt_detector'] == {'image_raw:=/conditioned/image_raw'}
-    assert [path for path, own in run.parameters.items() if own.get('live')] == ['/conditioner']
+    readers = ['/evaluator', '/conditioner']
+    assert [remaps(run)[path] for path in readers] == 2 * [{f'image_raw:={TOPIC}'}]
+    info = 'camera_info:=/conditioned/camera_info'
+    assert remaps(run)['/sdt_detector'] == {'image_raw:=/conditioned/image_raw', info}
+    assert remaps(run)['/tracker'] == {info}
+    assert [path for path, own in run.parameters.items() if own.get('live')] == readers
+    assert run.parameters['/tracker']['conditioned']
     assert (run.name, run.frames, run.respawn) == ('camera_image_raw-sdt', None, True)
 
 
@@ -48,6 +52,28 @@ def test_without_a_conditioner_every_reader_of_frames_subscribes_to_the_camera()
     assert {path for path, own in remaps(run).items() if camera in own} == readers
     assert {path for path, own in run.parameters.items() if own.get('live')} == readers
     assert run.parameters['/cdt/cdt_detector']['rows'] == 31
+
+
+def test_thresholds_of_a_camera_adapt_unless_the_user_or_the_detector_says_otherwise():
+    run = plan(detectors=['auto', 'mmtbd2'])
+    assert run.parameters['/auto/auto_detector']['operating_point'] == 'adaptive'
+    assert run.parameters['/mmtbd2/mmtbd2_detector']['operating_point'] == 'matched'
+    assert run.parameters['/evaluator']['operating_points'] == ['adaptive', 'matched']
+    forced = plan(overrides=['sdt.operating_point=nominal'])
+    assert forced.parameters['/sdt_detector']['operating_point'] == 'nominal'
+    simulated = plan_run(RunOptions(detectors=['sdt'], scenario='example3'), CONFIG)
+    assert simulated.parameters['/sdt_detector']['operating_point'] == 'matched'
+
+
+@pytest.mark.parametrize('binning', [1, 2])
+def test_gate_of_conditioned_frames_is_that_of_their_cells_in_pixels(binning):
+    run = plan(overrides=[f'conditioner.binning={binning}'])
+    simulated = plan_run(RunOptions(detectors=['sdt'], scenario='example3'), CONFIG)
+    for name, cells in (('gate_cells', 1.5), ('gospa_cutoff_cells', 5.0)):
+        assert run.parameters['/evaluator'][name] == binning * cells
+        assert simulated.parameters['/evaluator'][name] == cells
+    forced = plan(overrides=['evaluator.gate_cells=4.0'])
+    assert forced.parameters['/evaluator']['gate_cells'] == 4.0
 
 
 def test_no_node_waits_for_a_sensor_or_for_truth():

@@ -12,6 +12,7 @@ from geometry_msgs.msg import PoseWithCovariance
 from hypothesis import strategies as st
 from nav_msgs.msg import Odometry
 import numpy as np
+from sensor_msgs.msg import CameraInfo
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 from vision_msgs.msg import BoundingBox2D
@@ -126,6 +127,19 @@ def odometries(draw: st.DrawFn) -> Odometry:
 
 
 # Stamps that rise, repeat, fall, are negative, or are the largest there are.
+@st.composite
+def projections(draw: st.DrawFn) -> CameraInfo:
+    """Draw a camera_info: a map of a frame, or some of its numbers."""
+    size = st.sampled_from([8, 10, 8, 10, 0, 2**32 - 1])
+    info = CameraInfo(width=draw(size), height=draw(size))
+    info.binning_x = info.binning_y = draw(st.sampled_from([1, 2, 2, 2, 0, 2**32 - 1]))
+    places = st.integers(-9, 9).map(float) | st.floats(-30.0, 30.0) | numbers
+    info.k, info.p = np.eye(3).ravel(), np.zeros(12)
+    info.k[[2, 5]] = draw(places), draw(places)
+    info.p[[2, 6]] = draw(places), draw(places)
+    return info
+
+
 steps_ns = st.sampled_from([1_000_000_000] * 6 + [1, 0, -1, -10**9, 10**12, 2**61])
 stamps_ns = st.integers(1, 30).map(lambda k: k * 10**9) | st.sampled_from(
     [0, 1, -1, -10**9, -2**31 * 10**9, 2**31 * 10**9 - 1])

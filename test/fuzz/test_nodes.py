@@ -9,6 +9,7 @@ from fuzz.counting import fuzz
 from fuzz.messages import arrays
 from fuzz.messages import images
 from fuzz.messages import odometries
+from fuzz.messages import projections
 from fuzz.messages import records
 from fuzz.messages import stamped
 from fuzz.messages import steps_ns
@@ -71,16 +72,18 @@ def feed(request, place):
 DETECTORS = ('cdt', 'sdt', 'tbd1', 'mmtbd2', 'hmm', 'cusum')
 SMALL = {'rows': 4, 'cols': 5, 'operating_point': 'nominal'}
 FEW = {'tbd1': {'particles': 200}, 'mmtbd2': {'particles': 200}}
+TRACKER = {'rows': 16, 'cols': 24, 'particles': 50}
 NODES = {name: (partial(DetectorNode, name), SMALL | FEW.get(name, {})) for name in DETECTORS} | {
     'conditioner': (ConditionerNode, {}), 'viewer': (ViewerNode, {'side': 40}),
-    'tracker': (TrackerNode, {'rows': 16, 'cols': 24, 'particles': 50}),
+    'tracker': (TrackerNode, TRACKER), 'mapped': (TrackerNode, TRACKER | {'conditioned': True}),
+    'mapped bank': (partial(DetectorNode, 'bank'), SMALL | {'conditioned': True}),
     'evaluator': (EvaluatorNode, {'detectors': ['sdt'], 'scenario': 's'}),
     'sensor': (SensorNode, {
         'scenario': str(ROOT / 'config' / 'scenarios' / 'example1.yaml'), 'lockstep': True,
         'loop': True})}
 TOPICS = {
-    'conditioner': ('image_raw', 'ground_truth', 'ground_truth/odometry'),
-    'tracker': ('detections',), 'sensor': ('scored',),
+    'conditioner': ('image_raw',), 'tracker': ('detections',), 'sensor': ('scored',),
+    'mapped': ('camera_info', 'detections'), 'mapped bank': ('camera_info', 'image_raw'),
     'viewer': ('image_raw', 'ground_truth', 'detections', 'tracks', 'tracks/odometry'),
     'evaluator': ('image_raw', 'ground_truth', 'ground_truth/odometry', 'detections',
                   'detections/odometry', 'tracks', 'tracks/odometry')}
@@ -97,6 +100,8 @@ def message(topic):
         return small_images
     if topic == 'scored':
         return records()
+    if topic == 'camera_info':
+        return projections()
     return odometries() if topic.endswith('odometry') else arrays()
 
 
@@ -126,6 +131,21 @@ def test_conditioner_goes_on(feed, sent):
 def test_tracker_answers_every_array(feed, sent):
     for each in sent:
         feed(*each)
+
+
+@pytest.mark.parametrize('feed', ['mapped', 'mapped bank'], indirect=True)
+@fuzz('maps of frames', 90, sent=st.lists(projections(), min_size=1, max_size=4))
+def test_frames_with_a_sound_map_are_answered(feed, sent):
+    counts = feed.node.counts
+    for info in sent:
+        refused, answered = counts['refused'], counts['out']
+        feed(NANO, 'camera_info', info)
+        sound = counts['refused'] == refused
+        if 'image_raw' in feed.callbacks:
+            feed(0, 'image_raw', frame_to_image(np.ones((4, 5)), stamped(0)))
+        else:
+            feed(0, 'detections', Detection2DArray(detections=[Detection2D()]))
+        assert counts['out'] == answered + sound
 
 
 @pytest.mark.parametrize('feed', ['viewer'], indirect=True)

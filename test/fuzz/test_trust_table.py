@@ -19,9 +19,10 @@ ROW = re.compile(r'\| (\w+) \| `([\w/]+)` \| ([^|]+) \| ([^|]+) \| ([^|]+) \|')
 SCENARIO = str(ROOT / 'config' / 'scenarios' / 'example1.yaml')
 NODES = {
     'sensor': (SensorNode, {'scenario': SCENARIO, 'lockstep': True}),
-    'conditioner': (ConditionerNode, {}), 'tracker': (TrackerNode, {'rows': 8, 'cols': 9}),
+    'conditioner': (ConditionerNode, {}),
+    'tracker': (TrackerNode, {'rows': 8, 'cols': 9, 'conditioned': True}),
     'viewer': (ViewerNode, {}), 'detector': (partial(DetectorNode, 'cdt'), {
-        'rows': 8, 'cols': 9, 'operating_point': 'nominal'}),
+        'rows': 8, 'cols': 9, 'operating_point': 'nominal', 'conditioned': True}),
     'evaluator': (EvaluatorNode, {'detectors': ['cdt'], 'scenario': 's'})}
 # Modules that subscribe: ManagedNode.listen, the first frames of a camera, the recorder.
 SUBSCRIBING = {
@@ -64,8 +65,9 @@ def test_no_other_module_subscribes():
             if 'create_subscription(' in text} == SUBSCRIBING
     listening = {name for name, text in sources.items() if '.listen(' in text}
     assert listening == {
-        'lowsnr_common/ros/lockstep.py', 'lowsnr_sensor/conditioner_node.py',
-        'lowsnr_detect/node/detector_node.py', 'lowsnr_track/tracker_node.py',
+        'lowsnr_common/ros/frame_maps.py', 'lowsnr_common/ros/lockstep.py',
+        'lowsnr_sensor/conditioner_node.py', 'lowsnr_detect/node/detector_node.py',
+        'lowsnr_track/tracker_node.py',
         'lowsnr_eval/viewer_node.py', 'lowsnr_eval/evaluator_node.py'}
 
 

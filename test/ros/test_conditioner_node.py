@@ -1,20 +1,20 @@
-"""The conditioner node answers every frame, and converts the truth to cells."""
+"""The conditioner node answers every frame, and says where its cells lie in it."""
 
 import array
 
 from diagnostic_msgs.msg import DiagnosticArray
-from lowsnr_common.core.records import Estimate
+from geometry_msgs.msg import TransformStamped
 from lowsnr_common.ros import messages
+from lowsnr_common.ros.frame_maps import info_to_map
 from lowsnr_sensor.conditioner_node import ConditionerNode
 from lowsnr_sensor.conditioning.conditioner import ConditioningSettings
-from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from sensor_msgs.msg import CameraInfo
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
-from vision_msgs.msg import Detection2DArray
 
 SHAPE = (14, 10)
 
@@ -28,8 +28,7 @@ def client(context):
 
 @pytest.fixture
 def conditioner(context):
-    node = ConditionerNode(context=context, parameter_overrides=[
-        Parameter('sensor.cell_size_m', value=2.0)])
+    node = ConditionerNode(context=context)
     node.autostart()
     yield node
     node.destroy_node()
@@ -46,7 +45,9 @@ def camera_image(frame, stamp_s):
 def test_frames_are_conditioned_and_malformed_ones_answered_with_zeros(
     conditioner, client, spin, rng,
 ):
-    answers, reports = [], []
+    answers, maps, motions, reports = [], [], [], []
+    client.create_subscription(CameraInfo, 'conditioned/camera_info', maps.append, 100)
+    client.create_subscription(TransformStamped, 'camera_motion', motions.append, 100)
     client.create_subscription(Image, 'conditioned/image_raw', answers.append, 100)
     client.create_subscription(DiagnosticArray, '/diagnostics', reports.append, 10)
     publisher = client.create_publisher(Image, 'image_raw', 100)
@@ -61,7 +62,12 @@ def test_frames_are_conditioned_and_malformed_ones_answered_with_zeros(
     for one in [first, *images, images[4]]:
         publisher.publish(one)
     spin(lambda: len(answers) == 12 and conditioner.counts['late'] == 1)
-    assert [answer.header for answer in answers] == [one.header for one in images]
+    spin(lambda: len(maps) == len(motions) == 12)
+    headers = [one.header for one in images]
+    assert [one.header for one in maps] == [one.header for one in motions] == headers
+    assert {one.child_frame_id for one in motions} == {'camera_scene'}
+    assert [one.header.stamp for one in answers] == [one.stamp for one in headers]
+    assert {one.header.frame_id for one in answers} == {'camera_cells'}
     settings = ConditioningSettings()
     state = settings.init(SHAPE)
     for k, answer in enumerate(answers):
@@ -70,6 +76,10 @@ def test_frames_are_conditioned_and_malformed_ones_answered_with_zeros(
             state, output = settings.step(state, frames[k].astype(np.uint8))
             expected = output.cells
         np.testing.assert_array_equal(messages.image_to_frame(answer), expected)
+        where = settings.frame_map(output, 'camera', SHAPE)
+        assert info_to_map(maps[k]) == where
+        motion = motions[k].transform.translation
+        assert (motion.x, motion.y) == where.to_image
         assert expected.any() == (k > 4 and k not in (8, 10))
     assert (conditioner.counts['in'], conditioner.counts['out']) == (13, 12)
     # The first frame, two later ones, and the late one.
@@ -78,44 +88,9 @@ def test_frames_are_conditioned_and_malformed_ones_answered_with_zeros(
         for report in reports))
 
 
-def test_truth_is_published_in_cells_of_the_conditioned_frame(conditioner, client, spin):
-    arrays, states = [], []
-    client.create_subscription(
-        Detection2DArray, 'conditioned/ground_truth', arrays.append, 10)
-    client.create_subscription(
-        Odometry, 'conditioned/ground_truth/odometry', states.append, 10)
-    array_out = client.create_publisher(Detection2DArray, 'ground_truth', 10)
-    state_out = client.create_publisher(Odometry, 'ground_truth/odometry', 10)
-    spin(lambda: array_out.get_subscription_count() and state_out.get_subscription_count()
-         and conditioner.count_subscribers('conditioned/ground_truth')
-         and conditioner.count_subscribers('conditioned/ground_truth/odometry'),
-         conditioner, client)
-    header = Header(stamp=messages.stamp_from_seconds(4.0), frame_id='camera')
-    # Pixel (2.5, 8.5) at 2 m a pixel lies at the centre of cell (1, 4).
-    item = Estimate(np.array([5.0, 3.0, 17.0, -1.0]), np.eye(4), 1.0, 'a')
-    array_out.publish(messages.estimates_to_array([item], header, 2.0))
-    state_out.publish(messages.estimate_to_odometry(item, header))
-    spin(lambda: arrays and states)
-    centre = arrays[0].detections[0].bbox.center.position
-    assert (centre.x, centre.y) == (1.0, 4.0)
-    assert arrays[0].header == states[0].header == header
-    assert arrays[0].detections[0].id == states[0].child_frame_id == 'a'
-    back = messages.odometry_to_estimate(states[0], 1.0)
-    np.testing.assert_array_equal(back.state, [2.0, 1.5, 8.0, -0.5])
-
-
-def test_without_truth_its_topics_do_not_exist(context):
-    node = ConditionerNode(context=context, parameter_overrides=[Parameter('truth', value=False)])
-    node.autostart()
-    assert node.active
-    assert not node.count_publishers('conditioned/ground_truth')
-    assert not node.count_subscribers('ground_truth')
-    node.destroy_node()
-
-
 def test_frames_that_came_before_activation_are_not_answered(context, client, spin):
-    node = ConditionerNode(context=context, parameter_overrides=[
-        Parameter('truth', value=False), Parameter('live', value=True)])
+    node = ConditionerNode(
+        context=context, parameter_overrides=[Parameter('live', value=True)])
     answers = []
     client.create_subscription(Image, 'conditioned/image_raw', answers.append, 100)
     publisher = client.create_publisher(Image, 'image_raw', 100)

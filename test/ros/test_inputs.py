@@ -160,8 +160,7 @@ def test_array_of_too_many_entries_is_answered(other, tracker, status_with, spin
 
 
 def test_frames_of_a_best_effort_camera_that_comes_late_are_received(context, other, spin):
-    node = ConditionerNode(context=context, parameter_overrides=[
-        Parameter('truth', value=False)])
+    node = ConditionerNode(context=context)
     node.autostart()
     answers = []
     other.create_subscription(Image, 'conditioned/image_raw', answers.append, DEPTH)

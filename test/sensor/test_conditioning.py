@@ -3,16 +3,17 @@
 from dataclasses import replace
 from pathlib import Path
 
+from lowsnr_common.core.frame_map import overlaps
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.core.records import Malformed
 from lowsnr_common.settings.flat_values import flat_values
 from lowsnr_common.settings.flat_values import flatten
-from lowsnr_common.settings.node_settings import TruthSettings
 from lowsnr_detect.calibration.operating_point import calibrated
 from lowsnr_detect.parts.registry import detector_class
 from lowsnr_sensor.conditioning.conditioner import ConditioningSettings
 import numpy as np
 import pytest
+import scipy.ndimage
 from sensor.camera_scene import at_object
 from sensor.camera_scene import camera_scene
 import yaml
@@ -37,15 +38,32 @@ def cells_of(frames, settings=DEFAULT):
 
 def test_file_holds_every_setting_with_its_default():
     values = flatten(yaml.safe_load(FILE.read_text())['/**/conditioner']['ros__parameters'])
-    assert values == flat_values(DEFAULT) | {'truth': TruthSettings().truth}
+    assert values == flat_values(DEFAULT)
 
 
-def test_positions_convert_between_cells_of_the_scene_and_pixels_of_the_image(rng):
-    output = replace(conditioned(rng.standard_normal((1, 20, 30)))[0],
-                     origin=(4, 8), to_image=(-17.25, -6.5))
-    # Cell (1, 2) of the output is cell (9, 6) of the scene, whose centre is at 18.5, 12.5.
-    np.testing.assert_allclose(DEFAULT.pixels(np.array([1.0, 2.0]), output), [1.25, 6.0])
-    assert DEFAULT.cells(np.array([0.5, 2.5])).tolist() == [0.0, 1.0]
+@pytest.mark.parametrize('binning', [1, 2])
+def test_map_of_an_output_leads_to_its_object(rng, binning):
+    settings = ConditioningSettings(binning=binning)
+    frames = 100.0 + rng.standard_normal((30, 40, 61))
+    row, col = np.mgrid[:40, :61]
+    frames[-1] += 60.0 * np.exp(-((row - 20.3)**2 + (col - 33.8)**2) / 2.0)
+    output = conditioned(frames, settings)[-1]
+    where = settings.frame_map(output, 'camera', (40, 61))
+    assert (where.size, where.frame_id) == ((61, 40), 'camera')
+    peak = np.unravel_index(np.argmax(output.cells), output.cells.shape)
+    assert abs(where.pixels(np.array(peak[::-1], float)) - (33.8, 20.3)).max() <= binning / 2.0
+
+
+def test_scene_after_a_cut_lies_where_no_earlier_cell_was(rng):
+    frames = 100.0 + rng.standard_normal((24, 40, 60))
+    frames[12:] = 100.0 + 50.0 * scipy.ndimage.gaussian_filter(
+        rng.standard_normal((40, 60)), 2.0) * 8.0 + rng.standard_normal((12, 40, 60))
+    outputs = conditioned(frames)
+    cut = [output.event for output in outputs].index('cut')
+    before, after = (
+        DEFAULT.frame_map(output, '', (40, 60)) for output in outputs[cut - 1:cut + 1])
+    assert not overlaps(after.moved_since(before), outputs[0].cells.shape)
+    np.testing.assert_allclose(after.pixels(np.zeros(2)), [0.5, 0.5])
 
 
 @pytest.mark.parametrize('binning', [1, 2])

@@ -11,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from lowsnr_common.core.records import Malformed
 from lowsnr_common.ros import messages
 from lowsnr_common.ros import run_records
+from lowsnr_common.ros.images import image_to_array
 from lowsnr_common.ros.managed_node import ManagedNode
 from lowsnr_common.ros.node_main import run
 from lowsnr_common.ros.parameters import declare
@@ -109,7 +110,7 @@ class EvaluatorNode(ManagedNode):
     def _on_frame(self, image: Image) -> None:
         """Keep a frame for the report, which alone shows it."""
         if self.active and not self._scorer.scene.full:
-            self._scorer.scene.add_frame(_stamp(image.header), messages.image_to_frame(image))
+            self._scorer.scene.add_frame(_stamp(image.header), image_to_array(image))
 
     def _on_timer(self) -> None:
         now_s = time.monotonic()

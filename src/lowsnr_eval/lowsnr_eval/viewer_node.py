@@ -8,6 +8,7 @@ from typing import Any
 
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.ros import messages
+from lowsnr_common.ros.images import image_to_array
 from lowsnr_common.ros.managed_node import ManagedNode
 from lowsnr_common.ros.node_main import run
 from lowsnr_common.ros.parameters import declare
@@ -75,7 +76,7 @@ class ViewerNode(ManagedNode):
         if not self.active or not self.is_new(FRAMES, image.header.stamp):
             return
         self.counts['in'] += 1
-        greys = stretch(messages.image_to_frame(image))
+        greys = stretch(image_to_array(image))
         stamp = messages.stamp_key(image.header.stamp)
         if self._join.add_array(FRAMES, stamp, [], time.monotonic()) is Arrival.USED:
             self._greys[stamp] = image.header, greys

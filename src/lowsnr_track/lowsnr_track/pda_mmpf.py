@@ -74,9 +74,9 @@ class PdaMmpf:
 
     def restart(self, state: TrackerState) -> TrackerState:
         """
-        Return the state for a stream whose clock was set back.
+        Return the state for a stream whose clock was set back, or that shows another scene.
 
-        The time step is unknown, so that no track can be predicted: all are deleted.  Their
+        No track can be predicted, since the time step is unknown: all are deleted.  Their
         numbers are not used again, and the estimate of the clutter density stays.
         """
         return replace(state, stamp_s=None, tracks=no_tracks(self.particles))

@@ -5,14 +5,18 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+from lowsnr_common.core.frame_map import FrameMap
+from lowsnr_common.core.frame_map import overlaps
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.core.records import Malformed
 from lowsnr_common.core.streams import stream
 from lowsnr_common.ros import messages
+from lowsnr_common.ros.frame_maps import FrameMaps
 from lowsnr_common.ros.managed_node import ManagedNode
 from lowsnr_common.ros.node_main import run
 from lowsnr_common.ros.parameters import declare
 from lowsnr_common.ros.qos import reliable
+from lowsnr_common.settings.node_settings import FrameSettings
 from lowsnr_track.pda_mmpf import PdaMmpf
 from nav_msgs.msg import Odometry
 import numpy as np
@@ -29,6 +33,7 @@ class TrackerNode(ManagedNode):
         super().__init__('tracker', **kwargs)
         self.tracker = declare(self, PdaMmpf, live=True)
         self.live = (self.tracker,)
+        self.frames = declare(self, FrameSettings)
         self._tracker_state = self.tracker.init()
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -45,8 +50,11 @@ class TrackerNode(ManagedNode):
         self.outputs = {
             self._array: self.settings.consumers, self._odometry: self.settings.consumers,
             self._tentative: 0}
+        self._maps = FrameMaps(self, self.frames.conditioned, self._answer)
+        self._map: FrameMap | None = None
         self.listen(
-            Detection2DArray, 'detections', self._on_detections, reliable(depth))
+            Detection2DArray, 'detections', self._on_detections, reliable(depth),
+            first=self._maps.input)
         return TransitionCallbackReturn.SUCCESS
 
     def on_set(self) -> None:
@@ -60,14 +68,35 @@ class TrackerNode(ManagedNode):
         if not self.active or not self.is_new('detections', message.header.stamp):
             return
         self.counts['in'] += 1
+        self._maps.take(message)
+
+    def _answer(self, message: Detection2DArray, where: FrameMap | None) -> None:
+        """Follow the objects; where a conditioner follows the camera, in the scene."""
         stamp_s = messages.stamp_key(message.header.stamp) / 1e9
+        detections, cell = self._estimates(message), self.tracker.sensor.cell_size_m
         if self._tracker_state.stamp_s is not None and stamp_s < self._tracker_state.stamp_s:
             self._tracker_state = self.tracker.restart(self._tracker_state)
+        if where is not None:
+            self._follow(where)
+            detections = [where.in_cells(item, cell) for item in detections]
         self._tracker_state, output = self.tracker.step(
-            self._tracker_state, self._estimates(message), stamp_s, self._rng)
+            self._tracker_state, detections, stamp_s, self._rng)
         for reason, number in output.rejected.items():
             self.reject('detections', reason, f'{number} rejected, {reason}', number)
-        self._publish(output.confirmed, output.tentative, message.header)
+        confirmed, tentative = output.confirmed, output.tentative
+        if where is not None:
+            confirmed, tentative = (
+                [where.in_image(item, cell) for item in items]
+                for items in (confirmed, tentative))
+        self._publish(confirmed, tentative, message.header)
+
+    def _follow(self, where: FrameMap) -> None:
+        """Move the tracks along when the cells moved in the scene; drop them after a cut."""
+        by, self._map = where.moved_since(self._map), where
+        if not overlaps(by, (where.size[1] // where.binning, where.size[0] // where.binning)):
+            self._tracker_state = self.tracker.restart(self._tracker_state)
+        elif any(by):
+            self._tracker_state = self._tracker_state.moved(by, self.tracker.sensor.cell_size_m)
 
     def _estimates(self, message: Detection2DArray) -> list[Estimate]:
         """Return the detections of a message, none of a malformed one."""

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from dataclasses import replace
 
+from lowsnr_common.core.frame_map import moved_states
 from lowsnr_common.core.motion import MotionModes
 from lowsnr_common.core.motion import POS
 from lowsnr_common.core.motion import VEL
@@ -82,6 +84,12 @@ class TrackerState:
     next_id: int
     clutter_density: float
     tracks: Tracks
+
+    def moved(self, by: tuple[int, int], cell_size_m: float) -> TrackerState:
+        """Return the state in cells whose first one moved ``by`` rows and columns."""
+        particles = self.tracks.particles
+        moved = replace(particles, states=moved_states(particles.states, by, cell_size_m))
+        return replace(self, tracks=replace(self.tracks, particles=moved))
 
 
 @dataclass(frozen=True)

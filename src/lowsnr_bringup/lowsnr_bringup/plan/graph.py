@@ -18,12 +18,12 @@ from lowsnr_common.settings.declare import declared_settings
 from lowsnr_common.settings.flat_values import build_settings
 from lowsnr_common.settings.node_settings import DetectionSettings
 from lowsnr_common.settings.node_settings import Evaluation
+from lowsnr_common.settings.node_settings import FrameSettings
 from lowsnr_common.settings.node_settings import NodeSettings
 from lowsnr_common.settings.node_settings import PlayerSettings
 from lowsnr_common.settings.node_settings import RecorderSettings
 from lowsnr_common.settings.node_settings import RunSettings
 from lowsnr_common.settings.node_settings import SimulationSettings
-from lowsnr_common.settings.node_settings import TruthSettings
 from lowsnr_common.settings.node_settings import ViewSettings
 from lowsnr_detect.parts.registry import detector_class
 from lowsnr_detect.parts.registry import DETECTORS
@@ -38,6 +38,7 @@ EVERY_NODE = '/**'
 MANAGER = 'bringup'  # the node of bring-up itself
 CONDITIONED = '/conditioned/'
 KEY = 'ros__parameters'
+_TRUTH = ('ground_truth:=/ground_truth', 'ground_truth/odometry:=/ground_truth/odometry')
 _DETECTOR = '_detector'  # the end of the name of a detector's node
 
 
@@ -52,9 +53,8 @@ class NodeKind:
 KINDS = {
     'sensor': NodeKind('lowsnr_sensor.sensor_node', (SimulationSettings,)),
     'player': NodeKind('lowsnr_bringup.player_node', (PlayerSettings,)),
-    'conditioner': NodeKind(
-        'lowsnr_sensor.conditioner_node', (ConditioningSettings, TruthSettings)),
-    'tracker': NodeKind('lowsnr_track.tracker_node', (PdaMmpf,)),
+    'conditioner': NodeKind('lowsnr_sensor.conditioner_node', (ConditioningSettings,)),
+    'tracker': NodeKind('lowsnr_track.tracker_node', (FrameSettings, PdaMmpf)),
     'viewer': NodeKind('lowsnr_eval.viewer_node', (ViewSettings,)),
     'evaluator': NodeKind('lowsnr_eval.evaluator_node', (RunSettings, Evaluation)),
     'recorder': NodeKind('lowsnr_bringup.recorder_node', (RecorderSettings,)),
@@ -65,7 +65,7 @@ def node_kind(name: str) -> NodeKind:
     """Return the kind of the node of a name; the node of detector ``sdt`` is ``sdt_detector``."""
     return KINDS.get(name) or NodeKind(
         'lowsnr_detect.node.detector_node',
-        (DetectionSettings, detector_class(name.removesuffix(_DETECTOR))))
+        (FrameSettings, DetectionSettings, detector_class(name.removesuffix(_DETECTOR))))
 
 
 def settings_classes(name: str) -> tuple[type, ...]:
@@ -142,36 +142,30 @@ def run_nodes(
         every topic, and a viewer in each chain.
 
     """
-    live = bool(camera) and not conditioned
-    frames, *truth = _frame_remaps(camera, conditioned)
-    moved = (frames, *truth) if conditioned or camera else ()
-    nodes = [_node('evaluator', remaps=moved, live=live)]
+    live, several = bool(camera), len(detectors) > 1
+    raw = (f'image_raw:={camera or "/image_raw"}',)
+    info = (f'camera_info:={CONDITIONED}camera_info',) * conditioned
+    frames = (f'image_raw:={CONDITIONED}image_raw', *info) if conditioned else raw
+    own = raw * live  # of nodes without a namespace
+    nodes = [_node('evaluator', remaps=own, live=live)]
     for name in detectors:
-        space = f'/{name}' if len(detectors) > 1 else ''
+        space = f'/{name}' * several
         if viewed:
-            nodes.append(_node('viewer', space, remaps=(frames, *truth), needed=False, live=live))
+            nodes.append(_node(
+                'viewer', space, remaps=(*raw, *_TRUTH), needed=False, live=live))
         nodes += [
-            _node('tracker', space),
-            _node(node_of(name), space, arguments=(name,),
-                  remaps=(frames,) if space or moved else (), live=live)]
+            _node('tracker', space, remaps=info),
+            _node(node_of(name), space, arguments=(name,), live=live and not conditioned,
+                  remaps=frames if several or conditioned or live else ())]
     if conditioned:
-        nodes.append(_node(
-            'conditioner', remaps=(f'image_raw:={camera}',) * bool(camera), live=bool(camera)))
+        nodes.append(_node('conditioner', remaps=own, live=live))
     if recorded:  # a camera waits for no subscriber, so that its recorder starts first
-        nodes.insert(0 if camera else len(nodes), _node('recorder', live=bool(camera)))
+        nodes.insert(0 if camera else len(nodes), _node('recorder', live=live))
     return nodes if camera else [*nodes, _node(source)]
 
 
 def _node(name: str, namespace: str = '', **how: Any) -> Node:
     return Node(name, node_kind(name).module, namespace, **how)
-
-
-def _frame_remaps(camera: str, conditioned: bool) -> tuple[str, ...]:
-    """Return the remaps that give a subscriber the frames and their truth."""
-    prefix = CONDITIONED if conditioned else '/'
-    image = camera if camera and not conditioned else f'{prefix}image_raw'
-    return (f'image_raw:={image}', *(
-        f'{topic}:={prefix}{topic}' for topic in ('ground_truth', 'ground_truth/odometry')))
 
 
 def wiring(nodes: Sequence[Node], detectors: Sequence[str], scenario: str) -> Layer:
@@ -181,17 +175,19 @@ def wiring(nodes: Sequence[Node], detectors: Sequence[str], scenario: str) -> La
     ``consumers`` is the number of subscribers that a node waits for before it publishes.
     """
     names = {node.name for node in nodes}
-    viewers = int('viewer' in names)  # in each chain
-    frame_readers = 1 + len(detectors) * (1 + viewers)  # evaluator, detectors, viewers
-    first_readers = 1 if 'conditioner' in names else frame_readers
+    viewers, chains = int('viewer' in names), len(detectors)  # a viewer in each chain
+    # Detectors, or the conditioner in their place; evaluator and viewers.
+    frame_readers = (1 if 'conditioner' in names else chains) + 1 + chains * viewers
     consumers = {
-        'sensor': first_readers, 'player': first_readers, 'conditioner': frame_readers,
+        'sensor': frame_readers, 'player': frame_readers, 'conditioner': chains,
         **{node_of(name): 2 + viewers for name in detectors},  # tracker, evaluator, viewer
         'tracker': 1 + viewers,  # evaluator, viewer
         'viewer': 1,  # so that it waits for its publishers
         'evaluator': sum(node.source for node in nodes)}  # sensor or player
     layer: dict[str, Values] = {name: {'consumers': count} for name, count in consumers.items()}
-    layer[EVERY_NODE] = {'autostart': False, 'observers': int('recorder' in names)}
+    layer[EVERY_NODE] = {
+        'autostart': False, 'observers': int('recorder' in names),
+        'conditioned': 'conditioner' in names}
     layer['evaluator'] |= {
         'scenario': scenario, 'detectors': list(detectors), 'namespaces': len(detectors) > 1}
     for node in nodes:

@@ -16,7 +16,10 @@ from lowsnr_bringup.plan.graph import Layer
 from lowsnr_bringup.plan.graph import Values
 from lowsnr_bringup.plan.run_options import RunOptions
 from lowsnr_common.settings.declare import declared_settings
+from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.text import did_you_mean
+from lowsnr_detect.parts.cell_detector import CellDetector
+from lowsnr_detect.parts.registry import detector_class
 from lowsnr_sensor.conditioning.conditioner import ConditioningSettings
 from lowsnr_sensor.scenario import load_scenario
 
@@ -32,6 +35,8 @@ TIME_POWERS = {
 _FRAMES = ('/image_raw', '/clock')
 _TRUTH = ('/ground_truth', '/ground_truth/odometry')
 _DETECTABLE = '32FC1'
+# The operating point that the frames of a simulator are for; others have thresholds of their own.
+_MATCHED = 'matched'
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,12 +125,21 @@ def _recorded(
         every |= {'rows': rows, 'cols': cols, 'sensor.noise_std': 1.0}
     facts: dict[str, Values] = {
         graph.EVERY_NODE: every, 'recorder': {**size, 'topics': recordable}}
+    if conditioned:  # answers and truth are in pixels of the frame, also where cells are larger
+        own = graph.build(Evaluation, given('evaluator'), 'evaluator')
+        facts['evaluator'] = {
+            'gate_cells': settings.binning * own.gate_cells,
+            'gospa_cutoff_cells': settings.binning * own.gospa_cutoff_cells}
     if options.replay is not None:
         facts['player'] = {
             **size, 'bag': str(options.replay.resolve()), 'simulated': found.simulated,
             'frames_topic': found.frames_topic,
             'truth_topic': options.truth_topic if found.truth else ''}
     if not found.simulated:
+        for name in options.detectors:
+            chosen = given(graph.node_of(name)).get('operating_point', _MATCHED)
+            if chosen == _MATCHED and issubclass(detector_class(name), CellDetector):
+                facts[graph.node_of(name)] = {'operating_point': 'adaptive'}
         for name in (*graph.KINDS, *map(graph.node_of, options.detectors)):
             for cls in graph.settings_classes(name):
                 facts.setdefault(name, {}).update(

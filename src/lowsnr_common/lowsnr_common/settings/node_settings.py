@@ -96,11 +96,12 @@ class PlayerSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TruthSettings:
-    """Settings of the conditioner about the truth; it changes the pixels of the frames."""
+class FrameSettings:
+    """Settings of detector and tracker about where their frames come from."""
 
-    sensor: SensorModel = field(default_factory=SensorModel)
-    truth: bool = setting(True, 'whether there is a truth to republish in the new pixels')
+    conditioned: bool = setting(
+        False, 'whether a conditioner stands before the detector: the node then waits for the map '
+        'of every frame, on camera_info')
 
     def __post_init__(self) -> None:
         check_settings(self)

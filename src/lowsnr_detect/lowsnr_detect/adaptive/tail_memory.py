@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from dataclasses import replace
 
+from lowsnr_detect.parts.moves import shifted
 import numpy as np
+import scipy.ndimage
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,22 @@ class TailMemory:
     frames: int
     crossed: np.ndarray
     held: tuple[np.ndarray, ...] = ()
+
+    def moved(self, by: tuple[int, int], cell_size_m: float) -> TailMemory:
+        """Return the memory for cells whose first one moved ``by`` rows and columns."""
+        shape, grid = self.crossed.shape[1:], self.maxima.shape[1:3]
+        step = (0.0, *(-n * count / size for n, count, size in zip(by, grid, shape)), 0.0)
+        maxima, excesses = (
+            scipy.ndimage.shift(counts, step, order=1, mode='nearest')
+            for counts in (self.maxima, self.excesses))
+        held = []
+        for each in self.held:
+            row, col = places = each[:2] - np.array(by)[:, None]
+            inside = (row >= 0) & (row < shape[0]) & (col >= 0) & (col < shape[1])
+            held.append(np.concatenate([places, each[2:]])[:, inside])
+        return replace(
+            self, maxima=maxima, excesses=excesses, held=tuple(held),
+            crossed=shifted(self.crossed, np.negative(by), False))
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from dataclasses import field
+from dataclasses import replace
 
+from lowsnr_common.core.frame_map import moved_states
 from lowsnr_common.core.likelihood import state_log_ratio
 from lowsnr_common.core.particles import log_sum_exp
 from lowsnr_common.core.particles import normalise
@@ -59,6 +61,10 @@ class Particles:
     exists: np.ndarray
     states: np.ndarray
     modes: np.ndarray
+
+    def moved(self, by: tuple[int, int], cell_size_m: float) -> Particles:
+        """Return the particles in cells whose first one moved ``by`` rows and columns."""
+        return replace(self, states=moved_states(self.states, by, cell_size_m))
 
 
 @register('mmtbd1')

@@ -26,10 +26,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from dataclasses import field
+from dataclasses import replace
 
 from lowsnr_common.core.destination import Destination
 from lowsnr_common.core.destination import move_towards
 from lowsnr_common.core.destination import state_likelihood
+from lowsnr_common.core.frame_map import moved_states
 from lowsnr_common.core.likelihood import state_log_ratio
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.core.particles import normalise
@@ -69,6 +71,10 @@ class Particles:
     modes: np.ndarray
     log_odds: np.ndarray
     frame: int
+
+    def moved(self, by: tuple[int, int], cell_size_m: float) -> Particles:
+        """Return the particles in cells whose first one moved ``by`` rows and columns."""
+        return replace(self, states=moved_states(self.states, by, cell_size_m))
 
 
 @register('mmtbd2')

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from lowsnr_common.core.frame_map import FrameMap
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.core.records import Malformed
 from lowsnr_common.core.streams import stream
 from lowsnr_common.ros import messages
+from lowsnr_common.ros.frame_maps import FrameMaps
 from lowsnr_common.ros.managed_node import ManagedNode
 from lowsnr_common.ros.node_main import run
 from lowsnr_common.ros.parameters import declare
@@ -17,6 +19,7 @@ from lowsnr_common.ros.qos import frame_depth
 from lowsnr_common.ros.qos import reliable
 from lowsnr_common.settings.flat_values import changed
 from lowsnr_common.settings.node_settings import DetectionSettings
+from lowsnr_common.settings.node_settings import FrameSettings
 from lowsnr_detect.node.live_detector import check_effect
 from lowsnr_detect.node.live_detector import LiveDetector
 from lowsnr_detect.node.live_detector import warm_up
@@ -41,6 +44,7 @@ class DetectorNode(ManagedNode):
             declare(self, detector_class(detector), live=True),
             declare(self, DetectionSettings, live=True))
         self._work: LiveDetector | None = None
+        self.frames = declare(self, FrameSettings)
         refuse_late_answers(self.live[0])
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -56,8 +60,11 @@ class DetectorNode(ManagedNode):
         self._odometry = self.create_publisher(Odometry, 'detections/odometry', reliable(depth))
         self.outputs = {
             self._array: self.settings.consumers, self._odometry: bool(self.settings.consumers)}
+        self._maps = FrameMaps(self, self.frames.conditioned, self._answer)
+        self._map: FrameMap | None = None
         self.listen(
-            Image, 'image_raw', self._on_frame, any_reliability(frame_depth(depth, *shape)))
+            Image, 'image_raw', self._on_frame, any_reliability(frame_depth(depth, *shape)),
+            first=self._maps.input)
         return TransitionCallbackReturn.SUCCESS
 
     def _start(self, shape: tuple[int, int]) -> LiveDetector:
@@ -87,15 +94,29 @@ class DetectorNode(ManagedNode):
         if not self.active or not self.is_new('image_raw', image.header.stamp):
             return
         self.counts['in'] += 1
+        self._maps.take(image)
+
+    def _answer(self, image: Image, where: FrameMap | None) -> None:
+        """Answer a frame; one of a conditioner in pixels of the image that its map names."""
+        header = image.header
+        if where is not None:
+            header = Header(stamp=header.stamp, frame_id=where.frame_id)
         try:
             frame = messages.image_to_frame(image)
             work = self._work_for(frame)
         except Malformed as error:
             self.reject(
                 'image_raw', error.reason, f'{error}; frame rejected, empty array published')
-            self._publish([], image.header)
+            self._publish([], header)
             return
-        self._publish(work.step(frame, self._rng).estimates(), image.header)
+        if where is not None and any(by := where.moved_since(self._map)):
+            work.move(by)
+        self._map = where
+        found = work.step(frame, self._rng).estimates()
+        if where is not None:
+            cell = self.live[0].sensor.cell_size_m
+            found = [where.in_image(item, cell) for item in found]
+        self._publish(found, header)
 
     def _work_for(self, frame: np.ndarray) -> LiveDetector:
         """Return the detector, which the first frame starts; Malformed for another size."""

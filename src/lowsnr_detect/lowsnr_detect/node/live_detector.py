@@ -6,6 +6,7 @@ from collections.abc import Callable
 from collections.abc import Iterable
 from dataclasses import replace
 
+from lowsnr_common.core.frame_map import overlaps
 from lowsnr_common.settings.flat_values import flat_values
 from lowsnr_common.settings.node_settings import DetectionSettings
 from lowsnr_detect.adaptive.adaptive_detector import AdaptiveDetector
@@ -16,6 +17,7 @@ from lowsnr_detect.calibration.operating_point import known_curve
 from lowsnr_detect.calibration.operating_point import logged_progress
 from lowsnr_detect.parts.detector import Declarations
 from lowsnr_detect.parts.detector import Detector
+from lowsnr_detect.parts.moved_memory import moved_memory
 import numpy as np
 
 # The operating points at which a setting acts, where these are not all.
@@ -62,6 +64,12 @@ class LiveDetector:
         """Advance by a frame (rows, cols) and return the declarations in it."""
         self._memory, declared = self._detector.step(self._memory, frame, rng)
         return declared
+
+    def move(self, by: tuple[int, int]) -> None:
+        """Move the memory to cells whose first one moved by rows and columns in the scene."""
+        memory, fresh = self._memory, self._detector.init(self.shape)
+        self._memory = fresh if not overlaps(by, self.shape) else moved_memory(
+            memory, fresh, self.shape, by, self._detector.sensor.cell_size_m)
 
     def rates(self) -> dict[str, float]:
         """Return the share of frames with a false alarm, asked and measured, if adaptive."""

@@ -7,6 +7,7 @@ from contextlib import suppress
 from lowsnr_bringup.bags.reader import Bag
 from lowsnr_common.core.records import Malformed
 from lowsnr_common.ros import messages
+from lowsnr_common.ros.images import image_to_array
 from lowsnr_eval.scoring.recorded_chains import RecordedChains
 from lowsnr_eval.scoring.run_scoring import RunScorer
 
@@ -32,7 +33,7 @@ def score_bag(bag: Bag, chains: RecordedChains, scorer: RunScorer) -> None:
         # A malformed message is rejected here as in a live run; its frame lacks it.
         with suppress(Malformed):
             if is_frame:
-                scorer.scene.add_frame(stamp, messages.image_to_frame(read))
+                scorer.scene.add_frame(stamp, image_to_array(read))
             elif message.topic in states:
                 scorer.add_state(
                     states[message.topic], stamp, messages.odometry_to_estimate(read, 0.0))

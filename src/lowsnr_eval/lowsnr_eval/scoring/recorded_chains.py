@@ -67,10 +67,9 @@ def find_chains(
     names = _names(bag, {
         f'/{name}' if evaluator.get('namespaces') else '': name
         for name in evaluator.get('detectors', ())})
-    prefix = graph.CONDITIONED if '/conditioner' in told else '/'
     if truth_topic is not None:
         check_type(bag, truth_topic, ARRAY, '--truth-topic')
-    truth_topic = truth_topic or f'{prefix}{TRUTH}'
+    truth_topic = truth_topic or f'/{TRUTH}'
     truth = bag.topics.get(truth_topic) == ARRAY
     if not truth and not any(bag.topics.get(f'{space}/{_LEVELS[0]}') == ARRAY for space in names):
         raise ValueError(f'{bag.path}: has neither truth nor detections')
@@ -82,8 +81,7 @@ def find_chains(
     return RecordedChains(
         run, evaluation, evaluator.get('seed', 0),
         {own: topic for own, topic in topics.items() if bag.topics.get(own) == ARRAY},
-        frames_topic or (
-            f'{prefix}image_raw' if prefix != '/' else recorded_frames_topic(bag, told)))
+        frames_topic or recorded_frames_topic(bag, told))
 
 
 def _names(bag: Bag, known: Mapping[str, str]) -> dict[str, str]:

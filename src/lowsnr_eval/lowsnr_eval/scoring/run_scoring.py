@@ -99,7 +99,8 @@ class RunScorer:
         """Expect no answer of a node (its full name) to frames from before a time [s]."""
         space, _, name = node.strip('/').rpartition('/')
         for chain, topics in self._chains.items():
-            if space in ('', chain) and name == f'{chain}_detector':
+            first = name in (f'{chain}_detector', 'conditioner')
+            if space in ('', chain) and first:
                 self._join.expect_no_more(topics, before_s)
             elif name == 'tracker' and space in ('', chain):
                 self._join.expect_no_more(topics[1:], before_s)

@@ -16,6 +16,7 @@ from dataclasses import replace
 import math
 from typing import Any
 
+from lowsnr_common.core.frame_map import FrameMap
 from lowsnr_common.core.records import Malformed
 from lowsnr_common.settings.declare import check_settings
 from lowsnr_common.settings.declare import setting
@@ -84,15 +85,12 @@ class ConditioningSettings:
     def __post_init__(self) -> None:
         check_settings(self)
 
-    def cells(self, pixels: np.ndarray) -> np.ndarray:
-        """Convert positions from pixels to cells; the centres of both are whole numbers."""
-        return (pixels - (self.binning - 1) / 2.0) / self.binning
-
-    def pixels(self, cells: np.ndarray, output: Conditioned) -> np.ndarray:
-        """Convert positions x, y from cells of an output to pixels of its image, (..., 2)."""
-        scene = np.asarray(cells) + output.origin[::-1]
-        pixels: np.ndarray = scene * self.binning + (self.binning - 1) / 2.0 + output.to_image
-        return pixels
+    def frame_map(
+        self, output: Conditioned, frame_id: str, shape: tuple[int, int],
+    ) -> FrameMap:
+        """Return where the cells of an output lie in its image of shape (rows, cols)."""
+        (row, col), (rows, cols) = output.origin, shape
+        return FrameMap(frame_id, (cols, rows), self.binning, (col, row), output.to_image)
 
     def size(self, shape: tuple[int, ...]) -> tuple[int, int]:
         """Return rows and columns of the cells for frames of shape (rows, cols)."""
@@ -162,15 +160,26 @@ class ConditioningSettings:
             return self._start(state, values, 'cut')
         return self._followed(state, values, fit)
 
+    def unobserved(self, state: ConditionerState) -> Conditioned:
+        """Return zeros in place of a frame that cannot be used."""
+        return self._output(state, self._zeros(state))
+
     def _start(
         self, state: ConditionerState, values: np.ndarray, event: str,
     ) -> tuple[ConditionerState, Conditioned]:
-        """Start from a frame."""
+        """
+        Start from a frame.
+
+        After a cut the scene is another one: it lies where no earlier image reached.
+        """
         known = abs(values) < UNOBSERVED
         level = np.where(known, values, np.median(values[known])).astype(np.float32)
         started = replace(
             self.init(state.shape), previous=values, frames=1, codec=state.codec,
             planes=Planes(level, np.zeros_like(level), known.astype(np.float32)))
+        if event == 'cut':
+            row, col = state.origin
+            started = replace(started, origin=(row + state.trace.shape[0], col))
         return started, self._output(started, self._zeros(started), event=event)
 
     def _followed(
