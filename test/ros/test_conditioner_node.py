@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+import scipy.ndimage
 from sensor_msgs.msg import CameraInfo
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
@@ -42,50 +43,75 @@ def camera_image(frame, stamp_s):
                  step=frame.shape[1], data=data)
 
 
-def test_frames_are_conditioned_and_malformed_ones_answered_with_zeros(
-    conditioner, client, spin, rng,
-):
-    answers, maps, motions, reports = [], [], [], []
-    client.create_subscription(CameraInfo, 'conditioned/camera_info', maps.append, 100)
-    client.create_subscription(TransformStamped, 'camera_motion', motions.append, 100)
-    client.create_subscription(Image, 'conditioned/image_raw', answers.append, 100)
-    client.create_subscription(DiagnosticArray, '/diagnostics', reports.append, 10)
+@pytest.fixture
+def answers(conditioner, client, spin):
+    """Return a function that sends images, and returns what is heard of the topics by then."""
+    heard = {'conditioned/image_raw': [], 'conditioned/camera_info': [], 'camera_motion': []}
+    for topic, kind in zip(heard, (Image, CameraInfo, TransformStamped)):
+        client.create_subscription(kind, topic, heard[topic].append, 100)
     publisher = client.create_publisher(Image, 'image_raw', 100)
     spin(lambda: publisher.get_subscription_count()
-         and conditioner.count_subscribers('conditioned/image_raw'), conditioner, client)
+         and all(map(conditioner.count_subscribers, heard)), conditioner, client)
+
+    def send(images, count):
+        for one in images:
+            publisher.publish(one)
+        spin(lambda: all(len(found) == count for found in heard.values()))
+        return heard.values()
+
+    return send
+
+
+def test_frames_are_conditioned_and_malformed_ones_answered_with_zeros(
+    conditioner, client, answers, spin, rng,
+):
+    reports = []
+    client.create_subscription(DiagnosticArray, '/diagnostics', reports.append, 10)
     frames = rng.integers(80, 120, (12, *SHAPE))
     images = [camera_image(frame, 30.0 * k**1.1) for k, frame in enumerate(frames, start=1)]
     first = camera_image(frames[0], 1.0)
     first.encoding = 'rgb8'
     images[8].step = 3
     images[10] = camera_image(frames[10, :, :8], 30.0 * 11**1.1)
-    for one in [first, *images, images[4]]:
-        publisher.publish(one)
-    spin(lambda: len(answers) == 12 and conditioner.counts['late'] == 1)
-    spin(lambda: len(maps) == len(motions) == 12)
-    headers = [one.header for one in images]
-    assert [one.header for one in maps] == [one.header for one in motions] == headers
-    assert {one.child_frame_id for one in motions} == {'camera_scene'}
-    assert [one.header.stamp for one in answers] == [one.stamp for one in headers]
-    assert {one.header.frame_id for one in answers} == {'camera_cells'}
+    found, *_ = answers([first, *images, images[4]], 12)
+    spin(lambda: conditioner.counts['late'] == 1)
+    assert [answer.header.stamp for answer in found] == [one.header.stamp for one in images]
     settings = ConditioningSettings()
     state = settings.init(SHAPE)
-    for k, answer in enumerate(answers):
+    for k, answer in enumerate(found):
         expected = np.zeros((7, 5))
         if k not in (8, 10):
             state, output = settings.step(state, frames[k].astype(np.uint8))
             expected = output.cells
         np.testing.assert_array_equal(messages.image_to_frame(answer), expected)
-        where = settings.frame_map(output, 'camera', SHAPE)
-        assert info_to_map(maps[k]) == where
-        motion = motions[k].transform.translation
-        assert (motion.x, motion.y) == where.to_image
         assert expected.any() == (k > 4 and k not in (8, 10))
     assert (conditioner.counts['in'], conditioner.counts['out']) == (13, 12)
     # The first frame, two later ones, and the late one.
     spin(lambda: any(
         {item.key: item.value for item in report.status[0].values}.get('refused') == '4'
         for report in reports))
+
+
+def test_every_frame_has_its_map_and_the_motion_of_the_camera(answers):
+    # A texture of two pixels that the camera passes, one pixel a frame; the eleventh is malformed.
+    scene = 100.0 + 50.0 * scipy.ndimage.gaussian_filter(
+        np.random.default_rng(5).standard_normal((48, 100)), 2.0) * 6.0
+    noise = np.random.default_rng(6)
+    frames = [scene[:, k:k + 64] + noise.standard_normal((48, 64)) for k in range(24)]
+    images = [camera_image(frame, 1.0 + k) for k, frame in enumerate(frames)]
+    images[10].step = 3
+    cells, maps, motions = answers(images, 24)
+    headers = [one.header for one in images]
+    assert [one.header for one in maps] == [one.header for one in motions] == headers
+    assert {one.child_frame_id for one in motions} == {'camera_scene'}
+    assert {one.header.frame_id for one in cells} == {'camera_cells'}
+    moved = np.array([info_to_map(one).to_image for one in maps])
+    np.testing.assert_array_equal(moved, [
+        (one.transform.translation.x, one.transform.translation.y) for one in motions])
+    expected = np.stack([-np.arange(24.0), np.zeros(24)], axis=1)
+    expected[10] = expected[9]
+    assert abs(moved - expected).max() < 0.3
+    assert {info_to_map(one).origin for one in maps} > {(0, 0)}  # the cells followed
 
 
 def test_frames_that_came_before_activation_are_not_answered(context, client, spin):

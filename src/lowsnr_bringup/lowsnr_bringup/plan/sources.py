@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import field
 import os
@@ -19,7 +20,6 @@ from lowsnr_common.settings.declare import declared_settings
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.text import did_you_mean
 from lowsnr_detect.parts.cell_detector import CellDetector
-from lowsnr_detect.parts.registry import detector_class
 from lowsnr_sensor.conditioning.conditioner import ConditioningSettings
 from lowsnr_sensor.scenario import load_scenario
 
@@ -35,7 +35,7 @@ TIME_POWERS = {
 _FRAMES = ('/image_raw', '/clock')
 _TRUTH = ('/ground_truth', '/ground_truth/odometry')
 _DETECTABLE = '32FC1'
-# The operating point that the frames of a simulator are for; others have thresholds of their own.
+# The operating point whose threshold is simulated: for real frames it is adaptive instead.
 _MATCHED = 'matched'
 
 
@@ -125,21 +125,16 @@ def _recorded(
         every |= {'rows': rows, 'cols': cols, 'sensor.noise_std': 1.0}
     facts: dict[str, Values] = {
         graph.EVERY_NODE: every, 'recorder': {**size, 'topics': recordable}}
-    if conditioned:  # answers and truth are in pixels of the frame, also where cells are larger
-        own = graph.build(Evaluation, given('evaluator'), 'evaluator')
-        facts['evaluator'] = {
-            'gate_cells': settings.binning * own.gate_cells,
-            'gospa_cutoff_cells': settings.binning * own.gospa_cutoff_cells}
+    if conditioned:
+        facts['evaluator'] = _in_pixels(given('evaluator'), settings.binning)
     if options.replay is not None:
         facts['player'] = {
             **size, 'bag': str(options.replay.resolve()), 'simulated': found.simulated,
             'frames_topic': found.frames_topic,
             'truth_topic': options.truth_topic if found.truth else ''}
     if not found.simulated:
-        for name in options.detectors:
-            chosen = given(graph.node_of(name)).get('operating_point', _MATCHED)
-            if chosen == _MATCHED and issubclass(detector_class(name), CellDetector):
-                facts[graph.node_of(name)] = {'operating_point': 'adaptive'}
+        facts.setdefault('evaluator', {})['pixels'] = True
+        facts.update(_adaptive(options.detectors, given))
         for name in (*graph.KINDS, *map(graph.node_of, options.detectors)):
             for cls in graph.settings_classes(name):
                 facts.setdefault(name, {}).update(
@@ -147,6 +142,24 @@ def _recorded(
     return Source(
         name=found.name, node=node, camera=options.camera_topic, frames=found.frames,
         conditioned=conditioned, notes=found.notes, facts=facts)
+
+
+def _in_pixels(evaluator: Values, binning: int) -> Values:
+    """Return the distances of the evaluator, which are those of cells, in pixels of the frame."""
+    own = graph.build(Evaluation, evaluator, 'evaluator')
+    return {
+        'gate_cells': binning * own.gate_cells,
+        'gospa_cutoff_cells': binning * own.gospa_cutoff_cells}
+
+
+def _adaptive(detectors: Sequence[str], given: Given) -> dict[str, Values]:
+    """Return the operating point of detectors that would be matched to simulated frames."""
+    matched = [
+        name for name in map(graph.node_of, detectors)
+        if given(name).get('operating_point', _MATCHED) == _MATCHED]
+    return {
+        name: {'operating_point': 'adaptive'} for name in matched
+        if issubclass(graph.settings_classes(name)[-1], CellDetector)}
 
 
 def _is_conditioned(found: RecordedRun, options: RunOptions) -> bool:

@@ -176,6 +176,8 @@ class Evaluation:
     gospa_cutoff_cells: float = setting(
         5.0, 'cutoff c of GOSPA: the distance from which an object counts as missed [cells]',
         gt=0.0)
+    pixels: bool = setting(
+        False, 'whether tables and figures state positions in pixels instead of metres')
 
     def __post_init__(self) -> None:
         check_settings(self)

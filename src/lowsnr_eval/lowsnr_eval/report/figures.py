@@ -29,8 +29,9 @@ _STYLE: Any = {
     'legend.frameon': False, 'legend.fontsize': 8, 'lines.linewidth': 1.6,
     'lines.markersize': 4.5, 'figure.constrained_layout.use': True}
 _TITLES = {
-    'pd': '$P_D$, or $P_{FA}$ outside', 'rmse_position_m': 'RMSE of position [m]',
-    'rmse_velocity_mps': 'RMSE of velocity [m/s]', 'gospa_m': 'GOSPA [m]', 'hits': 'objects hit'}
+    'pd': '$P_D$, or $P_{{FA}}$ outside', 'rmse_position_m': 'RMSE of position [{m}]',
+    'rmse_velocity_mps': 'RMSE of velocity [{m}/s]', 'gospa_m': 'GOSPA [{m}]',
+    'hits': 'objects hit'}
 _LEVELS = {'detection': 'detections', 'tracking': 'tracks'}
 _DOTS_PER_INCH = 150
 # More bands than this cover each other; the tables hold all of them.
@@ -105,10 +106,10 @@ def curves_over_frames(
 @mpl.rc_context(_STYLE)
 def single_run(
     names: Sequence[str], measures: Sequence[str],
-    curves: Mapping[tuple[str, str, str], np.ndarray], present: Sequence[int],
+    curves: Mapping[tuple[str, str, str], np.ndarray], present: Sequence[int], unit: str = 'm',
 ) -> Figure:
     """Draw curves by (name, level, measure) over the frames of one run, as dots."""
-    figure, panels = _level_panels(measures, 1.5 * len(measures) + 0.7)
+    figure, panels = _level_panels(measures, 1.5 * len(measures) + 0.7, unit)
     for axes, measure, level in panels:
         for n, name in enumerate(names):
             curve = curves.get((name, level, measure), np.array([]))
@@ -194,14 +195,14 @@ def _figure(width: float, height: float, rows: int, cols: int) -> tuple[Figure, 
 
 
 def _level_panels(
-    measures: Sequence[str], height: float,
+    measures: Sequence[str], height: float, unit: str = 'm',
 ) -> tuple[Figure, list[tuple[Axes, str, str]]]:
     """Return panels of measures (rows) for detections and tracks (columns), with titles."""
     figure, panels = _figure(7.4, height, len(measures), len(_LEVELS))
     places = list(zip(panels, *zip(*product(measures, _LEVELS))))
     for axes, measure, level in places:
         if level == 'detection':
-            axes.set_ylabel(_TITLES[measure])
+            axes.set_ylabel(_TITLES[measure].format(m=unit))
         if measure == measures[0]:
             axes.set_title(_LEVELS[level])
     return figure, places

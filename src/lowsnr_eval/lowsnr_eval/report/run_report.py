@@ -17,6 +17,7 @@ from lowsnr_eval.report import html_page as pages
 from lowsnr_eval.report.animation import animation
 from lowsnr_eval.report.html_page import Markup
 from lowsnr_eval.report.table import format_table
+from lowsnr_eval.report.table import unit_of
 from lowsnr_eval.scoring.scene import read_scene
 from lowsnr_eval.scoring.scene import SCENE_FILE
 import numpy as np
@@ -80,7 +81,8 @@ def _page(folder: Path, command: str) -> str:
             sections.append(pages.section('Frames', animation(lines, frames, scored)))
     sections += [
         pages.section('Figures', pages.preformatted(format_table(summary))),
-        pages.section('Frame by frame', _curves(folder, list(summary['detectors']))),
+        pages.section('Frame by frame', _curves(
+            folder, list(summary['detectors']), *unit_of(summary['evaluation']))),
         pages.section('How to run again', pages.preformatted(command), pages.versions())]
     if (folder / PARAMETERS_FILE).is_file():
         text = (folder / PARAMETERS_FILE).read_text(encoding='utf-8')
@@ -90,7 +92,7 @@ def _page(folder: Path, command: str) -> str:
     return pages.page(title, sections)
 
 
-def _curves(folder: Path, names: list[str]) -> Markup:
+def _curves(folder: Path, names: list[str], unit: str, size_m: float) -> Markup:
     """Draw the figures of merit in ``frames.csv``, for detections and tracks of every chain."""
     read: dict[tuple[str, str, str], dict[int, float]] = defaultdict(dict)
     present, count = set(), 0
@@ -104,7 +106,8 @@ def _curves(folder: Path, names: list[str]) -> Markup:
                 present.add(count)
             for measure in _MEASURES:
                 if row[measure] and (measure != 'hits' or count in present):
-                    read[row['detector'], row['level'], measure][count] = float(row[measure])
+                    read[row['detector'], row['level'], measure][count] = float(
+                        row[measure]) / (1.0 if measure == 'hits' else size_m)
     if not count:
         return Markup('<p>No frame was scored.</p>')
     width = -(-count // _MOST_DOTS)
@@ -114,7 +117,7 @@ def _curves(folder: Path, names: list[str]) -> Markup:
     caption = ('The shaded frames hold an object.' if width == 1
                else f'Each dot is the mean of {width} frames.')
     return pages.picture(
-        figures.render(figures.single_run(names, _MEASURES, curves, shaded))[0], caption)
+        figures.render(figures.single_run(names, _MEASURES, curves, shaded, unit))[0], caption)
 
 
 def _means(values: dict[int, float], count: int, width: int) -> np.ndarray:

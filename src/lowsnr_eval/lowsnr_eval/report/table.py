@@ -10,11 +10,11 @@ from lowsnr_common.settings.text import printable
 _LEVELS = ('detection', 'tracking')
 _HEADERS = (
     ('', '', 'P_D', 'P_FA per frame', 'false', 'first hit', 'RMSE', 'RMSE', 'GOSPA'),
-    ('detector', 'level', 'per object', 'without object', 'alarms', '[frames]', '[m]', '[m/s]',
-     '[m]'),
+    ('detector', 'level', 'per object', 'without object', 'alarms', '[frames]', '[{m}]',
+     '[{m}/s]', '[{m}]'),
 )
 _LEGEND = """
-P_D: share of the objects present that were hit within {gate:g} cells.
+P_D: share of the objects present that were hit within {gate:g} {cells}.
 P_FA: share of the frames without object that hold any declaration.
 false alarms: declarations that hit nothing, in all frames; first hit: after its appearance.
 [ , ]: Wilson 95 % interval; -: no such figure.
@@ -46,15 +46,25 @@ def format_table(summary: Mapping[str, Any]) -> str:
     if summary['restarts']:
         title += '\nstarted again: ' + ', '.join(
             f'{printable(name)} {count} x' for name, count in summary['restarts'].items())
-    rows = [
-        _row(printable(name), level, figures[level])
+    evaluation = summary['evaluation']
+    unit, size_m = unit_of(evaluation)
+    rows = [tuple(text.format(m=unit) for text in row) for row in _HEADERS] + [
+        _row(printable(name), level, figures[level], size_m)
         for name, figures in detectors.items() for level in _LEVELS]
-    legend = _LEGEND.format(gate=summary['evaluation']['gate_cells'])
+    legend = _LEGEND.format(
+        gate=evaluation['gate_cells'], cells='cells' if unit == 'm' else 'pixels')
     notes = [_note(printable(name), figures) for name, figures in detectors.items()]
-    return '\n'.join([title, '', *_align([*_HEADERS, *rows]), legend, *notes])
+    return '\n'.join([title, '', *_align(rows), legend, *notes])
 
 
-def _row(name: str, level: str, figures: Mapping[str, Any]) -> tuple[str, ...]:
+def unit_of(evaluation: Mapping[str, Any]) -> tuple[str, float]:
+    """Return the unit of the positions of a run, and its length in metres."""
+    return ('px', evaluation['sensor.cell_size_m']) if evaluation.get('pixels') else ('m', 1.0)
+
+
+def _row(
+    name: str, level: str, figures: Mapping[str, Any], size_m: float,
+) -> tuple[str, ...]:
     scored = (figures['frames_with_object'] or 0) + (figures['frames_without_object'] or 0) > 0
     return (
         name, level,
@@ -62,9 +72,9 @@ def _row(name: str, level: str, figures: Mapping[str, Any]) -> tuple[str, ...]:
         _share(figures['pfa_per_frame'], figures['pfa_interval'], 3),
         str(figures['false_alarms']) if scored else '-',
         _number(figures['first_detection_latency_frames'], 1),
-        _number(figures['rmse_position_m'], 2),
-        _number(figures['rmse_velocity_mps'], 2),
-        _number(figures['gospa_m'], 2),
+        _number(figures['rmse_position_m'], 2, size_m),
+        _number(figures['rmse_velocity_mps'], 2, size_m),
+        _number(figures['gospa_m'], 2, size_m),
     )
 
 
@@ -92,8 +102,8 @@ def _share(value: float | None, interval: list[float] | None, digits: int) -> st
     return f'{value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]'
 
 
-def _number(value: float | None, digits: int) -> str:
-    return '-' if value is None else f'{value:.{digits}f}'
+def _number(value: float | None, digits: int, unit: float = 1.0) -> str:
+    return '-' if value is None else f'{value / unit:.{digits}f}'
 
 
 def _align(rows: list[tuple[str, ...]]) -> list[str]:
