@@ -1,11 +1,10 @@
 """
-Real sequences from file to bag to graph: conditioner, detector and tracker follow the object.
+Real sequences from file to bag to graph: tracks lie on the object, in pixels of the raw frames.
 
 The sequences lie in shared/data beside the checkout, and are no part of it: a checkout without
 them skips these tests, save under ``CI=true``, where they must be there.
 """
 
-from contextlib import ExitStack
 import os
 from pathlib import Path
 import subprocess
@@ -15,14 +14,13 @@ from graph_runs import own_domain
 from graph_runs import start_bringup
 from lowsnr_bringup.bags.reader import Bag
 from lowsnr_common.ros import messages
-from lowsnr_sensor.conditioning.conditioner import ConditioningSettings
 import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT.parent / 'shared' / 'data'
-GATE_CELLS = 2.5
-SEQUENCES = {'lasco_c3_8dB': 'mmtbd2', 'ir_helicopter_049': 'sdt'}  # and their detectors
+TOPICS = ('/image_raw', '/camera_motion', '/tracks')
+GATE_PX = 5.0
 
 
 def sequence(name):
@@ -35,55 +33,52 @@ def sequence(name):
         return dict(archive)
 
 
-@pytest.fixture(scope='module')
-def started(tmp_path_factory):
-    """Return a run for every sequence that is there; at once, since each needs one core."""
-    runs = {}
-    with ExitStack() as within:
-        for number, (name, detector) in enumerate(SEQUENCES.items()):
-            if not (DATA / f'{name}.npz').is_file():
-                continue
-            folder = tmp_path_factory.mktemp(name)
-            subprocess.run(
-                [sys.executable, str(ROOT / 'scripts' / 'convert.py'), str(DATA / f'{name}.npz'),
-                 '--out', str(folder / 'frames')], check=True, timeout=120, capture_output=True)
-            runs[name] = within.enter_context(start_bringup(
-                folder / 'run', '--replay', str(folder / 'frames'), '--detector', detector,
-                '--snr', '8', '--lockstep', '--record', str(folder / 'recorded'),
-                domain_id=own_domain(number)))
-        yield runs
-
-
 @pytest.fixture
-def replayed(request):
-    """Return a function that gives a sequence and its confirmed tracks by frame."""
-    def run(name):
+def replayed(tmp_path):
+    """Return a function that runs a sequence; it returns its arrays, answers and summary."""
+    def run(name, detector):
         data = sequence(name)
-        replay = request.getfixturevalue('started')[name]
-        code, _, err = replay.finish(within_s=400.0)
+        subprocess.run(
+            [sys.executable, str(ROOT / 'scripts' / 'convert.py'), str(DATA / f'{name}.npz'),
+             '--out', str(tmp_path / 'frames')], check=True, timeout=120, capture_output=True)
+        with start_bringup(
+                tmp_path / 'run', '--replay', str(tmp_path / 'frames'), '--detector', detector,
+                '--snr', '8', '--lockstep', '--record', str(tmp_path / 'recorded'),
+                domain_id=own_domain()) as replay:
+            code, _, err = replay.finish(within_s=400.0)
         assert code == 0, err
-        frames = replay.summary()['frames']
+        frames, answers = replay.summary()['frames'], recorded(tmp_path / 'recorded')
         assert frames['unanswered'] == 0
-        return data, tracks_of(replay.results.parent / 'recorded', frames['published'])
+        assert {topic: len(found) for topic, found in answers.items()} == dict.fromkeys(
+            TOPICS, frames['published'])
+        # Whatever the conditioner does inside, answers are about the frame of their header.
+        assert {message.header.frame_id for topic in ('/tracks', '/camera_motion')
+                for message in answers[topic]} == {answers['/image_raw'][0].header.frame_id}
+        return data, answers, replay.summary()
     return run
 
 
-def tracks_of(bag, count):
-    """Return the places x, y of the confirmed tracks of every frame, in cells."""
-    answers = {}
-    with Bag(bag) as recorded:
-        for message in recorded.messages({'/tracks'}):
-            array = recorded.read(message)
-            answers[messages.stamp_key(array.header.stamp)] = np.reshape([
-                (item.bbox.center.position.x, item.bbox.center.position.y)
-                for item in array.detections], (-1, 2))
-    assert len(answers) == count
-    return [answers[stamp] for stamp in sorted(answers)]
+def recorded(bag):
+    """Return the messages of the topics in the order of their stamps."""
+    answers = {topic: [] for topic in TOPICS}
+    with Bag(bag) as source:
+        for message in source.messages(set(TOPICS)):
+            answers[message.topic].append(source.read(message))
+    for found in answers.values():
+        found.sort(key=lambda message: messages.stamp_key(message.header.stamp))
+    return answers
+
+
+def tracks_of(answers):
+    """Return the places x, y of the confirmed tracks of every frame, in pixels."""
+    return [np.reshape([
+        (item.bbox.center.position.x, item.bbox.center.position.y)
+        for item in array.detections], (-1, 2)) for array in answers['/tracks']]
 
 
 def near(places, objects):
     """Return which places are near which objects, (places, objects)."""
-    return np.linalg.norm(places[:, None] - objects, axis=-1) <= GATE_CELLS
+    return np.linalg.norm(places[:, None] - objects, axis=-1) <= GATE_PX
 
 
 def followed(tracks, truth):
@@ -94,17 +89,32 @@ def followed(tracks, truth):
     return np.mean([near(tracks[k], truth[None, k]).any() for k in asked])
 
 
+def test_bird_is_followed_in_raw_pixels_while_the_camera_turns(replayed):
+    data, answers, summary = replayed('dd_bird_026_pan', 'auto')
+    assert np.ptp(data['camera_offset'], axis=0).max() > 60  # more than the cells may lag behind
+    assert followed(tracks_of(answers), data['truth']) >= 0.9
+    motion = np.array([(message.transform.translation.x, message.transform.translation.y)
+                       for message in answers['/camera_motion']])
+    error = motion + data['camera_offset'] - (motion + data['camera_offset'])[5]
+    assert np.median(np.linalg.norm(error, axis=1)) < 0.2
+    evaluation = summary['evaluation']
+    assert (evaluation['gate_cells'], evaluation['pixels']) == (3.0, True)
+
+
+@pytest.mark.slow
+def test_bird_is_followed_in_raw_pixels_by_a_still_camera(replayed):
+    data, answers, _ = replayed('dd_bird_026', 'auto')
+    assert followed(tracks_of(answers), data['truth']) >= 0.9
+    assert {(message.transform.translation.x, message.transform.translation.y)
+            for message in answers['/camera_motion']} == {(0.0, 0.0)}
+
+
 @pytest.mark.slow
 def test_star_in_a_coronagraph_is_followed_without_false_tracks(replayed):
-    (data, tracks), cells = replayed('lasco_c3_8dB'), ConditioningSettings().cells
-    assert followed(tracks, cells(data['truth'])) >= 0.8
-    known = cells(np.concatenate(
-        [data['truth'][None], data['other_truth'], data['uncatalogued_truth']]))
+    data, answers, _ = replayed('lasco_c3_8dB', 'mmtbd2')
+    tracks = tracks_of(answers)
+    assert followed(tracks, data['truth']) >= 0.8
+    known = np.concatenate(
+        [data['truth'][None], data['other_truth'], data['uncatalogued_truth']])
     false = [not near(places, known[:, k]).any(axis=1).all() for k, places in enumerate(tracks)]
     assert np.mean(false) < 0.02
-
-
-@pytest.mark.slow
-def test_helicopter_before_static_clutter_is_followed(replayed):
-    data, tracks = replayed('ir_helicopter_049')
-    assert followed(tracks, ConditioningSettings().cells(data['truth'])) >= 0.8
