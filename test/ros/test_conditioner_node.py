@@ -28,8 +28,9 @@ def client(context):
 
 
 @pytest.fixture
-def conditioner(context):
-    node = ConditionerNode(context=context)
+def conditioner(context, request):
+    node = ConditionerNode(context=context, parameter_overrides=[
+        Parameter('lives', value=getattr(request, 'param', 0))])
     node.autostart()
     yield node
     node.destroy_node()
@@ -112,6 +113,14 @@ def test_every_frame_has_its_map_and_the_motion_of_the_camera(answers):
     expected[10] = expected[9]
     assert abs(moved - expected).max() < 0.3
     assert {info_to_map(one).origin for one in maps} > {(0, 0)}  # the cells followed
+
+
+@pytest.mark.parametrize('conditioner', [1, 2], indirect=True)
+def test_restarted_node_begins_another_scene(conditioner, answers):
+    _, (info,), _ = answers([camera_image(np.full(SHAPE, 90.0), 5.0)], 1)
+    where = info_to_map(info)
+    assert where.origin == (0, conditioner.settings.lives * 1_000_000)
+    np.testing.assert_allclose(where.pixels(np.zeros(2)), [0.5, 0.5])
 
 
 def test_frames_that_came_before_activation_are_not_answered(context, client, spin):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from geometry_msgs.msg import TransformStamped
@@ -29,6 +30,8 @@ from std_msgs.msg import Header
 
 # Before the first frame the size is unknown: the queues are as deep as for frames of this size.
 _ASSUMED_SHAPE = (1024, 1024)
+# From the scene of a node to that of the one after its restart: beyond what any camera turns.
+_FAR_CELLS = 1_000_000
 
 
 class ConditionerNode(ManagedNode):
@@ -64,7 +67,7 @@ class ConditionerNode(ManagedNode):
         self.counts['in'] += 1
         try:
             frame = image_to_array(image)
-            before = self._conditioner_state or self.conditioning.init(frame.shape)
+            before = self._conditioner_state or self._first_state(frame.shape)
             self._conditioner_state, output = self.conditioning.step(before, frame)
         except Malformed as error:
             if self._conditioner_state is None:
@@ -77,6 +80,11 @@ class ConditionerNode(ManagedNode):
             self.get_logger().info(f'frame {self.counts["in"]}: {output.event}')
         self._event = output.event
         self._publish(output, image.header, self._conditioner_state.shape)
+
+    def _first_state(self, shape: tuple[int, ...]) -> ConditionerState:
+        """Return the state before the first frame: of a restarted node, in another scene."""
+        start = self.conditioning.init((shape[0], shape[1]))
+        return replace(start, origin=(self.settings.lives * _FAR_CELLS, 0))
 
     def _publish(self, output: Conditioned, header: Header, shape: tuple[int, int]) -> None:
         """Publish a conditioned frame after its map, so that nobody waits for that."""

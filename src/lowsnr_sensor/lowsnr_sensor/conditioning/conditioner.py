@@ -174,12 +174,11 @@ class ConditioningSettings:
         """
         known = abs(values) < UNOBSERVED
         level = np.where(known, values, np.median(values[known])).astype(np.float32)
+        row, col = state.origin
         started = replace(
             self.init(state.shape), previous=values, frames=1, codec=state.codec,
+            origin=(row + state.trace.shape[0] * (event == 'cut'), col),
             planes=Planes(level, np.zeros_like(level), known.astype(np.float32)))
-        if event == 'cut':
-            row, col = state.origin
-            started = replace(started, origin=(row + state.trace.shape[0], col))
         return started, self._output(started, self._zeros(started), event=event)
 
     def _followed(
