@@ -49,10 +49,11 @@ def moved_memory(
     if isinstance(memory, np.ndarray):
         if memory.shape[-2:] != shape:
             return memory
-        enters = np.isnan(shifted(np.zeros(shape), np.negative(by), np.nan))
-        begins = fresh if isinstance(fresh, np.ndarray) else 0.0
-        return np.where(
-            enters, np.asarray(begins, memory.dtype), shifted(memory, np.negative(by), 0))
+        moved = shifted(memory, np.negative(by), 0)
+        if isinstance(fresh, np.ndarray):
+            enters = shifted(np.zeros(shape, dtype=bool), np.negative(by), True)
+            moved[..., enters] = fresh[..., enters]
+        return moved
     if isinstance(memory, tuple):
         same = isinstance(fresh, tuple) and len(fresh) == len(memory)
         return tuple(
