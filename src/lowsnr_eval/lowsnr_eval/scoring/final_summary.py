@@ -162,6 +162,6 @@ def summarize_folder(folder: Path) -> dict[str, Any]:
         raise ValueError(f'{folder}: nothing was scored')
     frames, earlier = summary['frames'], earlier_counts(folder)
     if all(earlier.get(key) == frames[key] for key in ('scored', 'unanswered')):
-        frames |= {key: earlier.get(key, 0) for key in ('published', 'unseen', 'lost')}
+        frames |= {key: earlier.get(key) or 0 for key in ('published', 'unseen', 'lost')}
     write_summary(folder, summary)
     return summary
