@@ -108,6 +108,7 @@ def test_recorded_run_needs_no_options(tmp_path):
         ours, theirs = (dict(values[node]) for values in (run.parameters, live.parameters))
         if node == '/evaluator':
             assert ours.pop('truth') is True
+            assert (ours.pop('expected_frames'), theirs.pop('expected_frames')) == (3, 40)
         assert ours == theirs
     assert plan(tmp_path / 'bag', seed=3).parameters['/tracker']['seed'] == 3
     assert plan(tmp_path / 'bag', snr_db=3.0).parameters['/tracker']['sensor.snr_db'] == 3.0
