@@ -147,6 +147,8 @@ def faults(campaign: Any, run: Any) -> Iterator[tuple[bool, str]]:
     yield True, f'{campaign.faults.total()} faults'
     for kind, seconds in sorted(campaign.recovered_s.items()):
         yield True, f'{kind}: frames scored again after {spread(seconds)}'
+    for kind, count in campaign.late.items():
+        yield False, f'{kind}: no frames were scored for two minutes ({count} x)'
     down_s = [float(row['down_s']) for row in run.restarts()]
     if down_s:
         yield True, f'nodes that died: back after {spread(down_s)}'

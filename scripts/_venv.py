@@ -125,7 +125,7 @@ def make(base: str, wanted: 'set[str]', packages: 'dict[str, str]') -> None:
         remedy = 'correct that and start again'
         if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM):
             remedy = f'use a checkout of your own: git clone {ROOT}'
-        _steps.fail(f'{error.filename}: {error.strerror}: {remedy}', 2)
+        _steps.fail(f'{error.filename or VENV}: {error.strerror or error}: {remedy}', 2)
 
 
 def _check_tools(for_wheels: bool) -> None:

@@ -125,7 +125,7 @@ class Bench:
     def __init__(self, within_s):
         self.now_s, self.threads, self.heard = 100.0, Threads(False, 0), {}
         process = SimpleNamespace(pid=4711, poll=lambda: None)
-        self.member = NodeProcess(NODE, process, Path('tracker.log'))
+        self.member = NodeProcess(NODE, process, Path('tracker.log'), None)
         self.watch = HangWatch(within_s, lambda pid: self.threads, lambda: self.now_s)
 
     def report(self, process='4711'):

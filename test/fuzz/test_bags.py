@@ -136,7 +136,7 @@ def evaluated(folder, results):
 
 def score(bag, options):
     """Score a bag as evaluate.py does; check that the results are complete and inert."""
-    folder = evaluate.score(bag, options)
+    folder, _ = evaluate.score(bag, options)
     summary = json.loads((folder / 'summary.json').read_text())
     assert all(line.isprintable() for line in format_table(summary).split('\n'))
     with (folder / 'frames.csv').open(newline='') as file:

@@ -53,10 +53,12 @@ def restored(place, results, name, content):
 
 
 def test_sound_results_are_summed_up(place, results):
-    restored(place, results, 'summary.json', '{"frames": {"published": 9}}')
+    restored(place, results, 'summary.json', json.dumps({'frames': {
+        'published': 9, 'scored': 4, 'unanswered': 0, 'unseen': 3, 'lost': 2}}))
     summarize_folder(place)
     found = json.loads((place / 'summary.json').read_text())
-    assert found['frames']['published'] == 9
+    assert found['frames'] == {
+        'expected': None, 'published': 9, 'scored': 4, 'unanswered': 0, 'unseen': 3, 'lost': 2}
     assert found['restarts'] == {'sdt_detector': 1, 'tracker': 1}
 
 

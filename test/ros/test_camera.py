@@ -7,7 +7,10 @@ from lowsnr_bringup.ros.camera import CameraError
 from lowsnr_bringup.ros.camera import inspect_camera
 from lowsnr_bringup.ros.node_watch import CameraWatch
 from lowsnr_bringup.ros.node_watch import StateWatch
+from lowsnr_bringup.ros.node_watch import StrangerWatch
 from lowsnr_common.ros.connections import OTHER_TYPE
+from lowsnr_common.ros.connections import SEVERAL_PUBLISHERS
+from lowsnr_common.ros.connections import UNKNOWN_NAME
 from lowsnr_common.ros.diagnostics import Fault
 from lowsnr_common.ros.diagnostics import Health
 from lowsnr_common.ros.messages import stamp_from_seconds
@@ -132,6 +135,23 @@ def test_fault_is_printed_once_and_that_it_is_over(capsys):
     assert printed(([], late[5])) == [*back, str(late[5])]
     assert printed(([], late[4]), after_s=30.0) == []
     assert printed(([], late[6]), after_s=61.0) == [str(late[6])]
+
+
+def test_a_stranger_is_named_once_its_name_is_discovered(capsys):
+    now_s = [0.0]
+    watch = StrangerWatch(clock=lambda: now_s[0])
+
+    def printed(*names):
+        """Return the lines that a second publisher of these names prints, a second each."""
+        for name in names:
+            now_s[0] += 1.0
+            watch.update(Health().status('/sensor', [
+                Fault('/clock', SEVERAL_PUBLISHERS, f'2 publishers: /sensor, {name}')], {}))
+        return [line.rpartition(', ')[2] for line in capsys.readouterr().err.splitlines()]
+
+    assert printed(UNKNOWN_NAME, UNKNOWN_NAME, '/late', '/late') == ['/late']
+    now_s[0] += 100.0
+    assert printed(*[UNKNOWN_NAME] * 20) == [UNKNOWN_NAME]
 
 
 def test_change_of_state_is_printed_for_a_process_that_was_active(capsys):

@@ -47,3 +47,15 @@ def test_read_only_checkout_is_named_with_the_remedy(checkout, require_program):
     line, = done.stderr.splitlines()
     assert str(checkout / '.venv.log') in line
     assert f'git clone {checkout}' in line
+
+
+def test_environment_that_is_a_link_is_named(checkout, tmp_path):
+    (checkout / '.venv').symlink_to(tmp_path)
+    dropped = {'PYTHONPATH', 'ROS_DISTRO'}
+    done = subprocess.run(
+        [sys._base_executable, checkout / 'scripts' / 'script.py'], capture_output=True, text=True,
+        timeout=60, env={key: value for key, value in _steps.environ().items()
+                         if key not in dropped})
+    assert done.returncode == 2
+    assert f'{checkout / ".venv"}: ' in done.stderr.splitlines()[-1]
+    assert tmp_path.is_dir()

@@ -22,6 +22,7 @@ def test_every_frame_of_a_campaign_is_accounted_for(bringup):
         campaign = Campaign(run, client, 'cdt', rng, most_stopped_s=1.0)
         for kind in rng.permutation([kind for kind in KINDS if kind not in ELSEWHERE]):
             campaign.inject(str(kind))
+    assert not campaign.late
     run.process.send_signal(signal.SIGINT)
     check_end(run, 130)
     assert campaign.recovered_s.keys() == set(KINDS) - ELSEWHERE

@@ -138,7 +138,8 @@ def test_endpoints_that_do_not_match_are_named_and_may_come_and_go(bringup, clie
             client.disconnect(topic)
             FAULTS['publisher that comes and goes'] += 1
     run.wait_for_rows(len(run.rows()) + 40)
-    assert client.statuses('/cdt_detector', '/detections', '2 publishers', '/graph_client')
+    client.wait(partial(
+        client.statuses, '/cdt_detector', '/detections', '2 publishers', '/graph_client'))
     client.node.destroy_publisher(other_qos)
     client.wait(lambda: client.level('/cdt_detector') == DiagnosticStatus.OK)
     lines = interrupt(run)

@@ -37,9 +37,13 @@ class RunPlan:
     nodes: list[graph.Node]  # subscribers before publishers
     parameters: dict[str, Values]  # of every node, by its full name
     detectors: dict[str, Detector]  # by the full name of their nodes
-    frames: int | None  # None for a run without end
     notes: tuple[str, ...] = ()  # what is wrong with the bag that is replayed, one line each
     respawn: bool = False  # whether nodes that die are started again
+
+    @property
+    def frames(self) -> int | None:
+        """Return the number of frames of the run, None for one without end."""
+        return self.parameters['/evaluator']['expected_frames'] or None
 
     @property
     def frame_bytes(self) -> int:
@@ -87,16 +91,16 @@ def plan_run(options: RunOptions, config_folder: Path, look: Look | None = None)
         options.parameters(),  # --snr, --seed, --rate ...
         graph.wiring(nodes, detectors, source.name),  # how many subscribers each node has
         overrides)  # --set
-    built, frames = _build_detectors(nodes, parameters), _frames(source, parameters)
-    _fill_in(nodes, parameters, built, frames)
+    built = _build_detectors(nodes, parameters)
+    _fill_in(source, nodes, parameters, built)
     for node in nodes:
         for cls in graph.settings_classes(node.name):
             graph.build(cls, parameters[node.path], node.label)
     # A bag may give its scenario any name; the results stay in their folder.
     name = '-'.join([re.sub(r'[^\w.-]+', '_', source.name), *detectors])
     return RunPlan(
-        name, nodes, parameters, built, frames, source.notes,
-        frames is None if options.respawn is None else options.respawn)
+        name, nodes, parameters, built, source.notes,
+        not _frames(source, parameters) if options.respawn is None else options.respawn)
 
 
 def _build_detectors(
@@ -112,12 +116,12 @@ def _build_detectors(
 
 
 def _fill_in(
-    nodes: Sequence[graph.Node], parameters: Mapping[str, Values],
-    detectors: Mapping[str, Detector], frames: int | None,
+    source: Source, nodes: Sequence[graph.Node], parameters: Mapping[str, Values],
+    detectors: Mapping[str, Detector],
 ) -> None:
     """Set what follows from the parameters of other nodes, unless a layer has set it."""
     evaluator = parameters['/evaluator']
-    evaluator['expected_frames'] = frames or 0
+    evaluator['expected_frames'] = _frames(source, parameters)
     evaluator.setdefault('operating_points', [
         parameters[path].get('operating_point', 'matched') for path in detectors])
     frames_per = {
@@ -131,12 +135,10 @@ def _fill_in(
                 'patience_s', evaluator.get('answer_within_s', 10.0) + _PATIENCE_BEYOND_S)
 
 
-def _frames(source: Source, parameters: Mapping[str, Values]) -> int | None:
-    """Return the number of frames of a run, None for one without end."""
-    if not source.node:
-        return None
-    values = parameters[f'/{source.node}']
-    if values.get('loop'):
-        return None
+def _frames(source: Source, parameters: Mapping[str, Values]) -> int:
+    """Return the number of frames of a run, 0 for one without end."""
+    values = parameters.get(f'/{source.node}', {})
+    if not source.node or values.get('loop'):
+        return 0
     frames = int(values.get('frames') or source.frames)
     return min(frames, source.frames) if source.node == 'player' else frames

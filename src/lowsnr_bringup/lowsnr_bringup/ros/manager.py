@@ -20,8 +20,10 @@ from lowsnr_bringup.ros.node_watch import StateWatch
 from lowsnr_bringup.ros.node_watch import StrangerWatch
 from lowsnr_bringup.ros.transition import PendingTransition
 from lowsnr_bringup.run.frame_ledger import FrameLedger
+from lowsnr_bringup.run.processes import notify
 from lowsnr_bringup.run.processes import ProcessGroup
 from lowsnr_common.core.line import Line
+from lowsnr_common.core.records import Malformed
 from lowsnr_common.core.timeline import StampOrder
 from lowsnr_common.core.timeline import Timeline
 from lowsnr_common.ros.bringup_line import CHANGE_STATE
@@ -87,6 +89,7 @@ class Manager:
         self._restarts = self._node.create_publisher(DiagnosticArray, RESTARTS, reliable(100))
         self.ledger, self.newest_ns, self._timeline = FrameLedger(), -1, Timeline()
         self.restarted: Counter[str] = Counter()
+        self.rejected: Counter[str] = Counter()  # unsound records of scored frames, by reason
         self._has_source = any(node.source for node in nodes)
         self._labels = {node.path: node.label for node in nodes}
         self.heard: dict[str, tuple[str, float]] = {}  # process and time of the last sign
@@ -174,7 +177,11 @@ class Manager:
         self._restarts.publish(message)  # for people and bags; no node of the run believes it
 
     def _count(self, message: DiagnosticArray) -> None:
-        scored = FrameScored.from_message(message)
+        try:
+            scored = FrameScored.from_message(message)
+        except Malformed as error:
+            self._reject(error)
+            return
         if not self._has_source:  # of a camera only what the evaluator sees is known
             self.ledger.publish(scored.stamp_ns)
         self.ledger.score(scored.stamp_ns, scored.frame)
@@ -182,6 +189,12 @@ class Manager:
         self._detections += sum(chain.detections for chain in scored.chains)
         self._tracks += sum(chain.tracks for chain in scored.chains)
         self._on_scored(self.scored, self._detections, self._tracks)
+
+    def _reject(self, error: Malformed) -> None:
+        """Count an unsound record of a scored frame, and name the first of each reason."""
+        self.rejected[error.reason] += 1
+        if self.rejected[error.reason] == 1:
+            notify(f'the evaluator reported a frame in a record that is rejected: {error}')
 
     def _on_clock(self, message: Clock) -> None:
         stamp = stamp_key(message.clock)

@@ -12,6 +12,7 @@ from lowsnr_bringup.run.processes import notify
 from lowsnr_common.ros.connections import OTHER_QOS
 from lowsnr_common.ros.connections import OTHER_TYPE
 from lowsnr_common.ros.connections import SEVERAL_PUBLISHERS
+from lowsnr_common.ros.connections import UNKNOWN_NAME
 from lowsnr_common.ros.diagnostics import faults_of
 from lowsnr_common.ros.managed_node import BROKEN
 
@@ -20,6 +21,8 @@ _NEW_AFTER_S = 60.0
 # Ends of the keys of faults that are due to other programs on the domain.
 _OF_STRANGERS = tuple(f' {each}' for each in (SEVERAL_PUBLISHERS, OTHER_TYPE, OTHER_QOS))
 _ACTIVE = 'active'
+# How long the name of a node may come after its endpoints [s]; one that hides it has none.
+_NAMED_WITHIN_S = 10.0
 # States that last; a node is in the others for the time of a transition.
 _PRIMARY = ('unconfigured', 'inactive', _ACTIVE)
 
@@ -51,18 +54,31 @@ class CameraWatch:
 
 @dataclass
 class StrangerWatch:
-    """Prints once for each topic of the run that others publish too, or with which they clash."""
+    """
+    Prints once for each topic of the run that others publish too, or with which they clash.
+
+    An endpoint is discovered before the name of its node is; a sentence without the name waits
+    for it, because the one with it would not be printed again.
+    """
 
     clock: Callable[[], float] = time.monotonic
     _seen_s: dict[str, float] = field(default_factory=dict)
+    _nameless_s: dict[str, float] = field(default_factory=dict)
 
     def update(self, status: DiagnosticStatus) -> None:
         """Take the newest status of a node."""
         for key, sentence in faults_of(status).items():
-            if key.endswith(_OF_STRANGERS):
+            if key.endswith(_OF_STRANGERS) and not self._waits(key, sentence):
                 if self.clock() - self._seen_s.get(key, -_NEW_AFTER_S) >= _NEW_AFTER_S:
                     notify(sentence)
                 self._seen_s[key] = self.clock()
+
+    def _waits(self, key: str, sentence: str) -> bool:
+        """Return whether a name may still be discovered."""
+        if UNKNOWN_NAME not in sentence:
+            self._nameless_s.pop(key, None)
+            return False
+        return self.clock() - self._nameless_s.setdefault(key, self.clock()) < _NAMED_WITHIN_S
 
 
 @dataclass

@@ -220,9 +220,9 @@ class Supervisor:
         report = (f'{member.node.label} {member.death()} at frame {self._manager.scored}; '
                   f'the end of {member.log}:\n{member.last_lines()}')
         spare = not member.node.needed or (self._respawn and member.node.name == 'recorder')
+        self._missed[member.node] = report
         if not (spare and self._manager.scored):
             raise GraphFailure(report)
-        self._missed[member.node] = report
         notify(f'the run goes on without {report}')
 
     def _source_done(self) -> bool:

@@ -19,6 +19,8 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 # Reasons of faults.
 SEVERAL_PUBLISHERS = 'several publishers'
 OTHER_TYPE, OTHER_QOS = 'other type', 'incompatible qos'
+# A node whose endpoints are discovered, but not yet its name, for people and as ROS has it.
+UNKNOWN_NAME, _NO_NAME = 'a node of unknown name', '_NODE_NAME_UNKNOWN_'
 # Names in one line.
 _MOST_NAMES = 5
 _ACKNOWLEDGED_WITHIN_S, _PIECE_S = 10.0, 0.5
@@ -146,7 +148,9 @@ def _unfit_readers(node: Node, publisher: Any) -> list[Fault]:
 
 
 def name_of(endpoint: TopicEndpointInfo) -> str:
-    """Return the full name of the node of an endpoint."""
+    """Return the full name of the node of an endpoint, `UNKNOWN_NAME` until it is discovered."""
+    if endpoint.node_name == _NO_NAME:
+        return UNKNOWN_NAME
     return f'{endpoint.node_namespace}/{endpoint.node_name}'.replace('//', '/')
 
 

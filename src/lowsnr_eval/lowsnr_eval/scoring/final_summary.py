@@ -160,9 +160,9 @@ def summarize_folder(folder: Path) -> dict[str, Any]:
         folder, evaluator_parameters(folder), files.Account(restarts=earlier_restarts(folder)))
     if summary is None:
         raise ValueError(f'{folder}: nothing was scored')
-    earlier = earlier_counts(folder)
-    if all(earlier.get(key) == summary['frames'][key] for key in ('scored', 'unanswered')):
-        summary['frames'] |= {
-            key: earlier[key] for key in ('published', 'unseen', 'lost') if key in earlier}
+    frames, earlier = summary['frames'], earlier_counts(folder)
+    if all(earlier.get(key) == frames[key] for key in ('scored', 'unanswered')):
+        frames |= {key: earlier[key] for key in ('published', 'unseen', 'lost')
+                   if earlier.get(key) is not None}
     write_summary(folder, summary)
     return summary
