@@ -195,6 +195,15 @@ def test_table_shows_figures_intervals_and_what_they_rest_on(results):
     assert max(map(len, lines)) <= 99
 
 
+def test_table_of_real_frames_states_pixels(results):
+    summary = summary_of(results)
+    summary['evaluation'] |= {'pixels': True, 'sensor.cell_size_m': 0.5}
+    lines = format_table(summary).splitlines()
+    assert lines[3].split()[-3:] == ['[px]', '[px/s]', '[px]']
+    row = next(line.split() for line in lines if line.split()[:2] == ['sdt', 'tracking'])
+    assert row[-3:] == ['1.00', '0.50', '1.00']  # twice the metres
+
+
 def test_table_of_no_frames_has_dashes_only(no_results):
     text = format_table(summary_of(no_results))
     row = next(line for line in text.splitlines() if line.startswith('sdt '))

@@ -207,7 +207,8 @@ def test_table_that_no_evaluator_wrote_is_named(scorer, tmp_path, text):
 
 
 @pytest.mark.parametrize(('node', 'scored'), [
-    ('/sdt_detector', True), ('/tracker', False), ('/viewer', False), ('/cdt_detector', False)])
+    ('/sdt_detector', True), ('/conditioner', True), ('/tracker', False), ('/viewer', False),
+    ('/cdt_detector', False)])
 def test_frame_does_not_wait_for_a_node_that_was_restarted(scorer, node, scored):
     one = scorer()
     one.add_array(TRUTH, SECOND, [], 10.0)
