@@ -69,9 +69,10 @@ def main() -> int:
         print(f'evaluate.py: {one_line(error)}', file=sys.stderr)
         return USAGE
     report(folder, summary)
-    for line in missing_frames(summary['frames']):
+    missing = missing_frames(summary['frames'])
+    for line in missing:
         print(f'evaluate.py: {line}', file=sys.stderr)
-    return FAILED if missing_frames(summary['frames']) else DONE
+    return FAILED if missing else DONE
 
 
 def score(bag: 'Bag', options: argparse.Namespace) -> tuple[Path, dict[str, Any]]:

@@ -28,6 +28,24 @@ _PRIMARY = ('unconfigured', 'inactive', _ACTIVE)
 
 
 @dataclass
+class _FaultPrinter:
+    """Prints a fault once for as long as it lasts, by its key."""
+
+    clock: Callable[[], float] = time.monotonic
+    _seen_s: dict[str, float] = field(default_factory=dict)
+
+    def update(self, key: str, sentence: str) -> None:
+        """Take a fault that is reported now."""
+        now_s = self.clock()
+        if now_s - self._seen_s.get(key, -_NEW_AFTER_S) >= _NEW_AFTER_S:
+            notify(sentence)
+        self._seen_s[key] = now_s
+
+    def clear(self) -> None:
+        """Forget the faults, so that each counts as a new one."""
+        self._seen_s.clear()
+
+
 class CameraWatch:
     """
     Prints each fault of the node that receives the camera's frames once, and when frames return.
@@ -35,24 +53,20 @@ class CameraWatch:
     A fault is the same while its subject and reason are.
     """
 
-    clock: Callable[[], float] = time.monotonic
-    _seen_s: dict[str, float] = field(default_factory=dict)
-    _failing: bool = False
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._printer, self._failing = _FaultPrinter(clock), False
 
     def update(self, status: DiagnosticStatus) -> None:
         """Take the node's newest status."""
-        now_s, failing = self.clock(), status.level == DiagnosticStatus.ERROR
+        failing = status.level == DiagnosticStatus.ERROR
         if self._failing and not failing:
             notify('frames come again')
-            self._seen_s.clear()
+            self._printer.clear()
         self._failing = failing
         for key, sentence in faults_of(status).items():
-            if now_s - self._seen_s.get(key, -_NEW_AFTER_S) >= _NEW_AFTER_S:
-                notify(sentence)
-            self._seen_s[key] = now_s
+            self._printer.update(key, sentence)
 
 
-@dataclass
 class StrangerWatch:
     """
     Prints once for each topic of the run that others publish too, or with which they clash.
@@ -61,24 +75,23 @@ class StrangerWatch:
     for it, because the one with it would not be printed again.
     """
 
-    clock: Callable[[], float] = time.monotonic
-    _seen_s: dict[str, float] = field(default_factory=dict)
-    _nameless_s: dict[str, float] = field(default_factory=dict)
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._printer, self._clock = _FaultPrinter(clock), clock
+        self._nameless_s: dict[str, float] = {}
 
     def update(self, status: DiagnosticStatus) -> None:
         """Take the newest status of a node."""
         for key, sentence in faults_of(status).items():
             if key.endswith(_OF_STRANGERS) and not self._waits(key, sentence):
-                if self.clock() - self._seen_s.get(key, -_NEW_AFTER_S) >= _NEW_AFTER_S:
-                    notify(sentence)
-                self._seen_s[key] = self.clock()
+                self._printer.update(key, sentence)
 
     def _waits(self, key: str, sentence: str) -> bool:
         """Return whether a name may still be discovered."""
         if UNKNOWN_NAME not in sentence:
             self._nameless_s.pop(key, None)
             return False
-        return self.clock() - self._nameless_s.setdefault(key, self.clock()) < _NAMED_WITHIN_S
+        now_s = self._clock()
+        return now_s - self._nameless_s.setdefault(key, now_s) < _NAMED_WITHIN_S
 
 
 @dataclass
