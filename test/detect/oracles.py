@@ -39,15 +39,15 @@ def presence(ratio, trajectories, birth, death, initial, at=-1):
     float
         Log odds that there is an object in that frame, given all K.
     (2,) ndarray
-        Mean column and row of the object, given that there is one.
+        Mean column and row of the object within its best 3 x 3 cells, given that there is one.
 
     """
     count, at = len(ratio), at % len(ratio)
     likelihood = _likelihoods(ratio, trajectories)
     weight = {0: 0.0, 1: 0.0}
-    position = np.zeros(2)
+    here = {}
     for pattern in itertools.product((0, 1), repeat=count):
-        product, where = initial if pattern[0] else 1.0 - initial, np.zeros(2)
+        product, where = initial if pattern[0] else 1.0 - initial, None
         for before, now in itertools.pairwise(pattern):
             if not before:
                 product *= birth if now else 1.0 - birth
@@ -55,10 +55,24 @@ def presence(ratio, trajectories, birth, death, initial, at=-1):
             each = likelihood(first, last, death)
             product *= each.sum()
             if first <= at <= last:
-                where = each @ trajectories.positions[:, at - first] / each.sum()
+                where = at - first, each / each.sum()
         weight[pattern[at]] += product
-        position += product * where
-    return math.log(weight[1] / weight[0]), position / weight[1]
+        if where:
+            here.setdefault(where[0], np.zeros_like(where[1]))
+            here[where[0]] += product * where[1]
+    positions = np.concatenate([trajectories.positions[:, age] for age in here])
+    return (math.log(weight[1] / weight[0]),
+            local_mean(positions, np.concatenate(list(here.values())), ratio.shape[1:]))
+
+
+def local_mean(positions, weights, shape):
+    """Return the mean of weighted positions (S, 2) in the 3 x 3 cells that hold most weight."""
+    means = {}
+    for row, col in np.ndindex(*shape):
+        near = np.all(abs(np.floor(positions + 0.5) - (col, row)) <= 1, axis=1)
+        inside = weights[near]
+        means[inside.sum()] = inside @ positions[near] / inside.sum()
+    return means[max(means)]
 
 
 def _likelihoods(ratio, trajectories):

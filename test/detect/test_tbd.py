@@ -66,10 +66,11 @@ def test_converges_to_the_exact_posterior(rng, cls):
         batch = np.broadcast_to(frames[:, None], (FRAMES, runs, *SHAPE))
         last = run(detector, batch, rng)[0][-1]
         error[particles] = np.sqrt(np.mean((last.peak - log_odds)**2))
-        spread = 4 * np.std(last.state[:, 0, [0, 2]], axis=0) / np.sqrt(runs) + 0.01
-        assert np.all(abs(last.state[:, 0, [0, 2]].mean(axis=0) - position) < spread)
         bias = abs(last.peak.mean() - log_odds)
         assert bias < 4 * last.peak.std() / np.sqrt(runs) + error[particles]**2 + 0.01
+    # With fewer particles another local mode of the posterior may look like the best.
+    spread = 4 * np.std(last.state[:, 0, [0, 2]], axis=0) / np.sqrt(runs) + 0.01
+    assert np.all(abs(last.state[:, 0, [0, 2]].mean(axis=0) - position) < spread)
     # Sixteen times the particles, a quarter of the error: 150 runs tell it to 12 %.
     assert 2.5 < error[400] / error[6400] < 6.0
     assert error[6400] < 0.06
@@ -178,7 +179,7 @@ def brute_force(frames, motion, to, rng):
         sums += ratio[row.clip(0, rows - 1), col.clip(0, cols - 1)]
     weight = np.where(inside, np.exp(sums) * factor, 0.0)
     return (np.log(0.99 * weight.mean() / (0.01 + 0.99 * gone.mean())),
-            weight @ states[:, [0, 2]] / weight.sum())
+            oracles.local_mean(states[:, [0, 2]], weight, (rows, cols)))
 
 
 @pytest.mark.parametrize(('cls', 'arrival', 'density'), [

@@ -24,6 +24,8 @@ object, the ratio ``r_t(x) = beta_t(x) / beta_t(0)`` follows backwards from r_k 
 (the second term of the numerator: the object died, or left the frame, before frame j), and ::
 
     log odds of E_t = 1:  log odds after frame t + ln sum_x g_t(x) r_t(x)
+
+The state that is declared is the mean of g within the 3 x 3 cells that hold most of it.
 """
 
 from __future__ import annotations
@@ -41,11 +43,12 @@ from lowsnr_detect.parts.existence import declare_posterior
 from lowsnr_detect.parts.existence import PosteriorDetector
 from lowsnr_detect.parts.grid_filter import as_plane
 from lowsnr_detect.parts.grid_filter import birth_belief
-from lowsnr_detect.parts.grid_filter import cell_moments
 from lowsnr_detect.parts.grid_filter import expect_belief
 from lowsnr_detect.parts.grid_filter import move_and_weigh
 from lowsnr_detect.parts.grid_filter import over_runs
 from lowsnr_detect.parts.grid_filter import total
+from lowsnr_detect.parts.local_estimate import best_cells
+from lowsnr_detect.parts.local_estimate import grid_moments
 from lowsnr_detect.parts.moves import move_model
 from lowsnr_detect.parts.moves import MoveModel
 from lowsnr_detect.parts.moves import shifted
@@ -170,12 +173,12 @@ class HMM(PosteriorDetector):
         """
         model = move_model(self.motion, self.sensor, self.order)
         state = (*state[-self.lag or len(state):], self._filtered(model, state, frame))
-        log_odds, weights, mass = self._smoothed(model, state)
+        log_odds, weights = self._smoothed(model, state)
         if len(state) <= self.lag:
             log_odds = np.full_like(log_odds, -np.inf)
         return state, declare_posterior(
-            log_odds, self.threshold, lambda found: cell_moments(
-                weights[:, :, found] / as_plane(mass[found]), model, self.sensor.cell_size_m))
+            log_odds, self.threshold,
+            lambda found: self._local_moments(model, weights[:, :, found]))
 
     def _filtered(
         self, model: MoveModel, state: tuple[Belief, ...], frame: np.ndarray,
@@ -225,11 +228,11 @@ class HMM(PosteriorDetector):
 
     def _smoothed(
         self, model: MoveModel, state: tuple[Belief, ...],
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return log odds, g_t r_t and its sum for the oldest frame t, given all frames."""
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return log odds and g_t r_t, not normalised, of the oldest frame t, given all frames."""
         then, chain = state[0], self.existence
         if len(state) == 1:
-            return then.log_odds, then.weights, then.mass
+            return then.log_odds, then.weights
         survives = 1.0 - chain.death_prob
         births = birth_belief(model, then.likelihood.shape)
         inside = np.ones((*model.history.shape, *then.likelihood.shape[-2:]))
@@ -244,5 +247,15 @@ class HMM(PosteriorDetector):
             absent = (1.0 - chain.birth_prob) * one + chain.birth_prob * total(births * value)
             ratio = np.maximum(present / as_plane(absent), _LEAST_RATIO)
         weights = then.given * ratio
-        mass = total(weights)
-        return then.log_odds + np.log(mass), weights, mass
+        return then.log_odds + np.log(total(weights)), weights
+
+    def _local_moments(
+        self, model: MoveModel, weights: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return mean and covariance of the best local mode of n runs."""
+        size = model.history.size
+        belief = weights.reshape(size, *weights.shape[2:])
+        return grid_moments(
+            belief, np.arange(belief.shape[1]), best_cells(belief.sum(axis=0)),
+            model.velocity.reshape(size, 2), model.velocity_cov.reshape(size, 2, 2),
+            self.sensor.cell_size_m)

@@ -27,10 +27,8 @@ from dataclasses import replace
 from lowsnr_common.core.frame_map import moved_states
 from lowsnr_common.core.likelihood import state_log_ratio
 from lowsnr_common.core.particles import log_sum_exp
-from lowsnr_common.core.particles import normalise
 from lowsnr_common.core.particles import pick
 from lowsnr_common.core.particles import systematic_resample
-from lowsnr_common.core.particles import weighted_moments
 from lowsnr_common.settings.declare import setting
 from lowsnr_detect.parts.births import ConstantVelocity
 from lowsnr_detect.parts.births import draw_births
@@ -38,6 +36,7 @@ from lowsnr_detect.parts.births import log_birth_proposal
 from lowsnr_detect.parts.detector import Declarations
 from lowsnr_detect.parts.existence import declare_posterior
 from lowsnr_detect.parts.existence import PosteriorDetector
+from lowsnr_detect.parts.local_estimate import particle_moments
 from lowsnr_detect.parts.registry import register
 import numpy as np
 
@@ -102,7 +101,8 @@ class MMTBD1(PosteriorDetector):
             pick(exists, chosen), pick(now.states, chosen), pick(now.modes, chosen))
         return resampled, declare_posterior(
             log_odds, self.threshold,
-            lambda found: weighted_moments(now.states[found], normalise(with_object[found])[0]))
+            lambda found: particle_moments(
+                self.sensor, frame.shape[-2:], now.states[found], with_object[found]))
 
     def _predicted(
         self, state: Particles | None, frame: np.ndarray, rng: np.random.Generator,

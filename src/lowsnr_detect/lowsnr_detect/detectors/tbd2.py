@@ -37,7 +37,6 @@ from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.core.particles import normalise
 from lowsnr_common.core.particles import pick
 from lowsnr_common.core.particles import systematic_resample
-from lowsnr_common.core.particles import weighted_moments
 from lowsnr_common.settings.declare import setting
 from lowsnr_detect.parts.births import ConstantVelocity
 from lowsnr_detect.parts.births import draw_births
@@ -45,6 +44,7 @@ from lowsnr_detect.parts.births import log_birth_proposal
 from lowsnr_detect.parts.detector import Declarations
 from lowsnr_detect.parts.existence import declare_posterior
 from lowsnr_detect.parts.existence import PosteriorDetector
+from lowsnr_detect.parts.local_estimate import particle_moments
 from lowsnr_detect.parts.registry import register
 import numpy as np
 
@@ -120,7 +120,8 @@ class MMTBD2(PosteriorDetector):
         resampled = Particles(pick(states, chosen), pick(modes, chosen), log_odds, number)
         return resampled, declare_posterior(
             log_odds, self.threshold,
-            lambda found: weighted_moments(states[found], log_weights[found]))
+            lambda found: particle_moments(
+                self.sensor, frame.shape[-2:], states[found], log_weights[found]))
 
     def _continuing(
         self, state: Particles, shape: tuple[int, ...], rng: np.random.Generator,

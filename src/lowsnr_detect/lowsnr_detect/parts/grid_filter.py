@@ -15,9 +15,6 @@ from lowsnr_detect.parts.moves import MoveModel
 from lowsnr_detect.parts.moves import shifted
 import numpy as np
 
-# From p_x, p_y, v_x, v_y to the order of a state.
-_ORDER = [0, 2, 1, 3]
-
 
 def move_and_weigh(
     model: MoveModel, belief: np.ndarray, weight: np.ndarray, stays: np.ndarray,
@@ -119,47 +116,3 @@ def as_plane(value: np.ndarray) -> np.ndarray:
 def total(belief: np.ndarray) -> np.ndarray:
     """Return the sum over histories and cells, (...,)."""
     return np.asarray(belief.sum(axis=(0, 1, -2, -1)))
-
-
-def cell_moments(
-    belief: np.ndarray, model: MoveModel, cell_size_m: float,
-) -> tuple[np.ndarray, np.ndarray]:
-    """
-    Return mean and covariance of the state of a normalised belief.
-
-    Parameters
-    ----------
-    belief : (dropped, kept, ..., rows, cols) ndarray
-        Probability of each history and cell, with sum one.
-    model
-        Mean and covariance of the velocity given each history.
-    cell_size_m
-        Side of a cell [m].
-
-    Returns
-    -------
-    (..., 4) ndarray
-        Mean ``[p_x, v_x, p_y, v_y]`` [m, m/s].
-    (..., 4, 4) ndarray
-        Covariance; within a cell the position is uniform and independent of the velocity.
-
-    """
-    count, (rows, cols) = model.history.size, belief.shape[-2:]
-    joint = np.moveaxis(belief.reshape(count, *belief.shape[2:]), 0, -3)
-    x, y = cell_size_m * np.arange(cols), cell_size_m * np.arange(rows)
-    velocity = model.velocity.reshape(count, 2)
-    by_cell, by_col, by_row = joint.sum(axis=-3), joint.sum(axis=-2), joint.sum(axis=-1)
-    by_history = by_row.sum(axis=-1)
-    between = np.stack([by_col @ x, by_row @ y], axis=-1)
-    mean = np.concatenate([between.sum(axis=-2), by_history @ velocity], axis=-1)
-    cross = between.swapaxes(-1, -2) @ velocity
-    squares = velocity[:, :, None] * velocity[:, None, :] + model.velocity_cov.reshape(-1, 2, 2)
-    product = (by_cell @ x) @ y
-    places = np.stack([
-        by_col.sum(axis=-2) @ x**2, product, product, by_row.sum(axis=-2) @ y**2], axis=-1)
-    second = np.block([
-        [places.reshape(*product.shape, 2, 2), cross],
-        [cross.swapaxes(-1, -2), np.einsum('...h,hij->...ij', by_history, squares)]])
-    cov = second - mean[..., :, None] * mean[..., None, :]
-    cov[..., :2, :2] += cell_size_m**2 / 12.0 * np.eye(2)
-    return mean[..., _ORDER], cov[..., _ORDER, :][..., _ORDER]
