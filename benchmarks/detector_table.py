@@ -59,6 +59,7 @@ METHODS = (
     Method('mmtbd2', 'mmtbd2'),
     *(Method(f'hmm order {order}', 'hmm', {'order': order}) for order in (0, 1, 2)),
     Method('hmm lag 3', 'hmm', {'lag': 3}, lag=3),
+    Method('pmf', 'pmf'),
 )
 
 

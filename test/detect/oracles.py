@@ -67,12 +67,19 @@ def presence(ratio, trajectories, birth, death, initial, at=-1):
 
 def local_mean(positions, weights, shape):
     """Return the mean of weighted positions (S, 2) in the 3 x 3 cells that hold most weight."""
-    means = {}
-    for row, col in np.ndindex(*shape):
-        near = np.all(abs(np.floor(positions + 0.5) - (col, row)) <= 1, axis=1)
-        inside = weights[near]
-        means[inside.sum()] = inside @ positions[near] / inside.sum()
-    return means[max(means)]
+    near = _near(positions, best_cell(positions, weights, shape))
+    return weights[near] @ positions[near] / weights[near].sum()
+
+
+def best_cell(positions, weights, shape):
+    """Return column and row of the cell whose 3 x 3 cells hold most weight."""
+    return max(
+        ((col, row) for row, col in np.ndindex(*shape)),
+        key=lambda cell: weights[_near(positions, cell)].sum())
+
+
+def _near(positions, cell):
+    return np.all(abs(np.floor(positions + 0.5) - cell) <= 1, axis=1)
 
 
 def _likelihoods(ratio, trajectories):

@@ -10,6 +10,7 @@ from lowsnr_detect.detectors.cusum import CUSUM
 from lowsnr_detect.detectors.cusum import page_recursion
 from lowsnr_detect.detectors.hmm import forward
 from lowsnr_detect.detectors.hmm import HMM
+from lowsnr_detect.detectors.pmf import PMF
 from lowsnr_detect.detectors.sdt import SDT
 from lowsnr_detect.detectors.sdt import sequential_test
 from lowsnr_detect.node.live_detector import warm_up
@@ -130,7 +131,7 @@ def test_hmm_is_its_definition(rng, shape, order, speed):
 
 @pytest.mark.parametrize('detector', [
     SDT(), SDT(restart='unused', radius=2), SDT(move_prior=True), CUSUM(), HMM(order=0),
-    HMM(order=1)])
+    HMM(order=1), PMF(headings=8)])
 @pytest.mark.parametrize('regions', [2, 3, 64])
 def test_regions_give_the_same_bits(rng, detector, regions):
     whole = replace(detector, sensor=SENSOR, threshold=4.0)

@@ -4,6 +4,7 @@ from lowsnr_common.core.measurement import SensorModel
 from lowsnr_detect.parts.local_estimate import best_cells
 from lowsnr_detect.parts.local_estimate import grid_moments
 from lowsnr_detect.parts.local_estimate import particle_moments
+from lowsnr_detect.parts.local_estimate import windows
 from lowsnr_detect.parts.registry import detector_class
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ SHAPE = (9, 14)
 SENSOR = SensorModel(cell_size_m=2.0)
 
 
-@pytest.mark.parametrize('name', ['hmm', 'tbd1', 'mmtbd1', 'tbd2', 'mmtbd2'])
+@pytest.mark.parametrize('name', ['hmm', 'pmf', 'tbd1', 'mmtbd1', 'tbd2', 'mmtbd2'])
 def test_of_two_bright_cells_the_brighter_is_declared(rng, name):
     detector = detector_class(name)(sensor=SENSOR, threshold=-50.0)
     frame = np.zeros(SHAPE)
@@ -34,8 +35,8 @@ def test_moments_of_a_grid_are_those_of_its_points_in_the_best_cells(rng, resolu
     point = (np.indices(belief.shape[2:]).transpose(1, 2, 0) + 0.5) / resolution - 0.5
     mass = belief.sum(axis=0).reshape(3, rows, resolution, cols, resolution).sum(axis=(2, 4))
     cells = best_cells(mass)
-    mean, cov = grid_moments(
-        belief, np.arange(3), cells, velocity, velocity_cov, 2.0, resolution)
+    joint = windows(belief, np.arange(3), cells, resolution)
+    mean, cov = grid_moments(joint, cells, velocity, velocity_cov, 2.0)
     for run in range(3):
         near = {(row, col): np.all(abs(point - (row, col)) < 1.5, axis=-1)
                 for row, col in np.ndindex(*SHAPE)}

@@ -44,7 +44,7 @@ def test_statistic_is_that_of_cells_which_stood_still(name, rng):
     np.testing.assert_allclose(found, known, rtol=1e-5, atol=1e-5)
 
 
-@pytest.mark.parametrize('name', ['hmm', 'tbd1', 'mmtbd1', 'tbd2', 'mmtbd2'])
+@pytest.mark.parametrize('name', ['hmm', 'pmf', 'tbd1', 'mmtbd1', 'tbd2', 'mmtbd2'])
 def test_posterior_stays_at_the_object(name, rng):
     kind = detector_class(name)
     few = {'particles': 400} if 'particles' in kind.__dataclass_fields__ else {}

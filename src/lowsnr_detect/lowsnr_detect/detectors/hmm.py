@@ -49,6 +49,7 @@ from lowsnr_detect.parts.grid_filter import over_runs
 from lowsnr_detect.parts.grid_filter import total
 from lowsnr_detect.parts.local_estimate import best_cells
 from lowsnr_detect.parts.local_estimate import grid_moments
+from lowsnr_detect.parts.local_estimate import windows
 from lowsnr_detect.parts.moves import move_model
 from lowsnr_detect.parts.moves import MoveModel
 from lowsnr_detect.parts.moves import shifted
@@ -255,7 +256,8 @@ class HMM(PosteriorDetector):
         """Return mean and covariance of the best local mode of n runs."""
         size = model.history.size
         belief = weights.reshape(size, *weights.shape[2:])
+        cells = best_cells(belief.sum(axis=0))
         return grid_moments(
-            belief, np.arange(belief.shape[1]), best_cells(belief.sum(axis=0)),
+            windows(belief, np.arange(len(cells)), cells), cells,
             model.velocity.reshape(size, 2), model.velocity_cov.reshape(size, 2, 2),
             self.sensor.cell_size_m)

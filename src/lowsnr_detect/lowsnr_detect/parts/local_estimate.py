@@ -39,29 +39,59 @@ def best_cells(mass: np.ndarray) -> np.ndarray:
     return np.stack(np.divmod(best, mass.shape[2]), axis=-1)
 
 
+def windows(
+    values: np.ndarray, runs: np.ndarray, cells: np.ndarray, resolution: int = 1,
+) -> np.ndarray:
+    """
+    Return the values of the points in the 3 x 3 cells around some, 0 outside the frame.
+
+    Parameters
+    ----------
+    values : (C, B, R rows, R cols) ndarray
+        Value of each class of velocities and point, for B runs.
+    runs : (n,) ndarray of int
+        Run of each window.
+    cells : (n, 2) ndarray of int
+        Row and column of its middle cell.
+    resolution
+        Points R per cell and axis.
+
+    Returns
+    -------
+    (n, C, 3 R, 3 R) ndarray
+        Values.
+
+    """
+    reach = np.arange(-resolution, 2 * resolution)
+    row, col = (resolution * cells[:, axis, None] + reach for axis in (0, 1))
+    rows, cols = values.shape[-2:]
+    row_inside, col_inside = (row >= 0) & (row < rows), (col >= 0) & (col < cols)
+    inside = row_inside[:, :, None] & col_inside[:, None, :]
+    found = values[
+        :, runs[:, None, None], row.clip(0, rows - 1)[:, :, None],
+        col.clip(0, cols - 1)[:, None, :]]
+    return np.where(inside[:, None], found.swapaxes(0, 1), 0.0)
+
+
 def grid_moments(
-    belief: np.ndarray, runs: np.ndarray, cells: np.ndarray, velocity: np.ndarray,
-    velocity_cov: np.ndarray, cell_size_m: float, resolution: int = 1,
+    joint: np.ndarray, cells: np.ndarray, velocity: np.ndarray, velocity_cov: np.ndarray,
+    cell_size_m: float,
 ) -> tuple[np.ndarray, np.ndarray]:
     """
     Return mean and covariance of the state in the 3 x 3 cells around some.
 
     Parameters
     ----------
-    belief : (C, B, R rows, R cols) ndarray
-        Probability of each class of velocities and point, not normalised, for B runs.
-    runs : (n,) ndarray of int
-        Run of each result.
+    joint : (n, C, 3 R, 3 R) ndarray
+        Probability of each class of velocities and point of the cells, not normalised.
     cells : (n, 2) ndarray of int
-        Row and column of its middle cell.
+        Row and column of the middle cell.
     velocity : (C, 2) ndarray
         Mean v_x, v_y of each class [m/s].
     velocity_cov : (C, 2, 2) ndarray
         Its covariance.
     cell_size_m
         Side of a cell [m].
-    resolution
-        Points R per cell and axis.
 
     Returns
     -------
@@ -71,9 +101,9 @@ def grid_moments(
         Covariance; around a point the position is uniform and independent of the velocity.
 
     """
-    spacing = cell_size_m / resolution
-    offset = spacing * (np.arange(3 * resolution) - (3 * resolution - 1) / 2.0)
-    joint = _windows(belief, runs, cells, resolution)
+    points = joint.shape[-1]
+    spacing = 3.0 * cell_size_m / points
+    offset = spacing * (np.arange(points) - (points - 1) / 2.0)
     joint = joint / joint.sum(axis=(1, 2, 3), keepdims=True)
     by_point, by_col, by_row = joint.sum(axis=1), joint.sum(axis=2), joint.sum(axis=3)
     by_class = by_col.sum(axis=2)
@@ -91,21 +121,6 @@ def grid_moments(
     cov[:, :2, :2] += spacing**2 / 12.0 * np.eye(2)
     mean[:, :2] += cell_size_m * cells[:, ::-1]
     return mean[:, _ORDER], cov[:, _ORDER][:, :, _ORDER]
-
-
-def _windows(
-    belief: np.ndarray, runs: np.ndarray, cells: np.ndarray, resolution: int,
-) -> np.ndarray:
-    """Return the points (n, C, 3 R, 3 R) of the 3 x 3 cells around some, 0 outside the frame."""
-    reach = np.arange(-resolution, 2 * resolution)
-    row, col = (resolution * cells[:, axis, None] + reach for axis in (0, 1))
-    rows, cols = belief.shape[-2:]
-    row_inside, col_inside = (row >= 0) & (row < rows), (col >= 0) & (col < cols)
-    inside = row_inside[:, :, None] & col_inside[:, None, :]
-    found = belief[
-        :, runs[:, None, None], row.clip(0, rows - 1)[:, :, None],
-        col.clip(0, cols - 1)[:, None, :]]
-    return np.where(inside[:, None], found.swapaxes(0, 1), 0.0)
 
 
 def particle_moments(

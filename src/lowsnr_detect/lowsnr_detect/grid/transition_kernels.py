@@ -1,0 +1,71 @@
+"""Loops of the prediction; as in :mod:`lowsnr_detect.parts.path_kernels`, by rows."""
+
+from __future__ import annotations
+
+from lowsnr_common.core.compiled import compiled
+import numpy as np
+
+
+@compiled
+def predict(
+    planes: np.ndarray, scale: np.ndarray, first_group: np.ndarray, step: np.ndarray,
+    first_entry: np.ndarray, source: np.ndarray, prob: np.ndarray, stays: np.ndarray,
+    born: np.ndarray, first: int, last: int, after: np.ndarray, mass: np.ndarray,
+) -> None:
+    """
+    Write ``stays T (scale planes) + born`` of the rows from ``first`` to ``last``.
+
+    ``planes`` and ``after`` are (C, B, rows, cols), ``scale`` and ``mass`` (B, rows, cols),
+    ``stays`` (B,) and ``born`` (C, B); the rest is as in
+    :class:`lowsnr_detect.grid.transitions.Transitions`.
+    """
+    rows, cols = scale.shape[1:]
+    spread = np.empty(cols)
+    for run in range(len(scale)):
+        for row in range(first, last):
+            mass[run, row] = 0.0
+            for kind in range(len(planes)):
+                moved = after[kind, run, row]
+                moved[:] = 0.0
+                for group in range(first_group[kind], first_group[kind + 1]):
+                    origin = row - step[group, 0]
+                    if 0 <= origin < rows:
+                        _gather(
+                            planes, source, prob, first_entry[group], first_entry[group + 1], run,
+                            origin, spread)
+                        _shift(spread, scale[run, origin], step[group, 1], moved)
+                _add_births(moved, stays[run], born[kind, run], mass[run, row])
+
+
+@compiled
+def _gather(
+    planes: np.ndarray, source: np.ndarray, prob: np.ndarray, first: int, last: int, run: int,
+    row: int, spread: np.ndarray,
+) -> None:
+    """Write the mass of a group in a row."""
+    here, weight = planes[source[first], run, row], prob[first]
+    for col in range(len(spread)):
+        spread[col] = weight * here[col]
+    for entry in range(first + 1, last):
+        here, weight = planes[source[entry], run, row], prob[entry]
+        for col in range(len(spread)):
+            spread[col] += weight * here[col]
+
+
+@compiled
+def _shift(spread: np.ndarray, scale: np.ndarray, step: int, moved: np.ndarray) -> None:
+    """Add a row times the factors of its points, shifted by ``step`` columns."""
+    size = len(moved) - abs(step)
+    start = max(-step, 0)
+    here, factor, into = spread[start:], scale[start:], moved[max(step, 0):]
+    for col in range(size):
+        into[col] += here[col] * factor[col]
+
+
+@compiled
+def _add_births(moved: np.ndarray, stays: float, born: float, mass: np.ndarray) -> None:
+    """Finish a row of a class, and add it to the sum over the classes."""
+    for col in range(len(moved)):
+        value = moved[col] * stays + born
+        moved[col] = value
+        mass[col] += value

@@ -1,0 +1,142 @@
+"""
+Prediction on a grid of states: classes of velocities times points of the frame.
+
+A state is a class and a point; from a frame to the next it goes to another class and by a step
+of whole points to another point.  The mass of the states after a frame is held in two arrays,
+``planes`` (C, ..., rows, cols) of each class and point, and ``scale`` (..., rows, cols), a
+factor of every point: a frame weighs all classes of a point alike, and so touches ``scale``
+alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from lowsnr_detect.grid import transition_kernels
+from lowsnr_detect.parts.bands import in_bands
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Transitions:
+    """
+    Sparse probabilities of the transitions between classes, with their steps.
+
+    Transitions into the same class with the same step are a group; ``first_group`` and
+    ``first_entry`` say where the groups of a class and the entries of a group begin.  The mode
+    of a class switches first, whatever its velocity; classes of a mode follow one another.
+
+    Parameters
+    ----------
+    first_group : (C + 1,) ndarray of int
+        By class after the step.
+    step : (G, 2) ndarray of int
+        Rows and columns, in points.
+    first_entry : (G + 1,) ndarray of int
+        By group.
+    source : (E,) ndarray of int
+        Class before the step, after its mode has switched.
+    prob : (E,) ndarray
+        Probability given the source; they sum to one for each source.
+    switch : (M, M) ndarray
+        Probability of a mode given the one before, which is the row.
+    appears : (C,) ndarray
+        Probability of the class of an object that appears.
+    velocity : (C, 2) ndarray
+        Mean v_x, v_y of each class [m/s].
+    velocity_cov : (C, 2, 2) ndarray
+        Its covariance.
+
+    """
+
+    first_group: np.ndarray
+    step: np.ndarray
+    first_entry: np.ndarray
+    source: np.ndarray
+    prob: np.ndarray
+    switch: np.ndarray
+    appears: np.ndarray
+    velocity: np.ndarray
+    velocity_cov: np.ndarray
+
+    @property
+    def count(self) -> int:
+        """Return the number of classes."""
+        return len(self.appears)
+
+
+def grouped(
+    source: np.ndarray, target: np.ndarray, step: np.ndarray, prob: np.ndarray, count: int,
+) -> dict[str, np.ndarray]:
+    """
+    Return the first five arrays of :class:`Transitions`.
+
+    Parameters
+    ----------
+    source, target : (E,) ndarray of int
+        Class before and after the step.
+    step : (E, 2) ndarray of int
+        Rows and columns.
+    prob : (E,) ndarray
+        Probabilities, in proportion for each source.
+    count
+        Number of classes C.
+
+    """
+    order = np.lexsort((source, step[:, 1], step[:, 0], target))
+    source, target, step, prob = source[order], target[order], step[order], prob[order]
+    key = np.column_stack([target, step])
+    begins = np.flatnonzero(np.r_[True, np.any(np.diff(key, axis=0), axis=1)])
+    sums = np.bincount(source, weights=prob, minlength=count)
+    return {
+        'first_group': np.searchsorted(target[begins], np.arange(count + 1)),
+        'step': step[begins], 'first_entry': np.r_[begins, len(source)], 'source': source,
+        'prob': prob / sums[source]}
+
+
+def predict(
+    transitions: Transitions, planes: np.ndarray, scale: np.ndarray, stays: np.ndarray,
+    born: np.ndarray, regions: int = 1,
+) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Advance the mass of all states by a frame, ``stays T (scale planes) + born appears``.
+
+    Parameters
+    ----------
+    transitions
+        Probabilities T.
+    planes : (C, ..., rows, cols) ndarray
+        Mass of each class and point, before ``scale``.
+    scale : (..., rows, cols) ndarray
+        Factor of each point.
+    stays : (...,) ndarray
+        Factor of what was there.
+    born : (...,) ndarray
+        Mass that appears in every point.
+    regions
+        Sub-regions that are processed in parallel.
+
+    Returns
+    -------
+    (C, ..., rows, cols) ndarray
+        Mass of each class and point; what leaves the frame is gone.
+    (..., rows, cols) ndarray
+        Its sum over the classes.
+
+    """
+    batch, (rows, cols) = scale.shape[:-2], scale.shape[-2:]
+    modes, count = len(transitions.switch), transitions.count
+    mixed = planes
+    if modes > 1:
+        mixed = transitions.switch.T @ planes.reshape(modes, -1)
+    mixed = np.ascontiguousarray(mixed).reshape(count, -1, rows, cols)
+    factors = np.ascontiguousarray(scale).reshape(-1, rows, cols)
+    survives = np.array(np.broadcast_to(stays, batch)).ravel()
+    births = np.outer(transitions.appears, np.broadcast_to(born, batch))
+    after, mass = np.empty_like(mixed), np.empty_like(factors)
+    in_bands(
+        lambda first, last: transition_kernels.predict(
+            mixed, factors, transitions.first_group, transitions.step, transitions.first_entry,
+            transitions.source, transitions.prob, survives, births, first, last, after, mass),
+        rows, regions)
+    return after.reshape(count, *scale.shape), mass.reshape(scale.shape)
