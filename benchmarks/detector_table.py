@@ -60,6 +60,7 @@ METHODS = (
     *(Method(f'hmm order {order}', 'hmm', {'order': order}) for order in (0, 1, 2)),
     Method('hmm lag 3', 'hmm', {'lag': 3}, lag=3),
     Method('pmf', 'pmf'),
+    *(Method(f'bernoulli order {order}', 'bernoulli', {'order': order}) for order in (1, 2)),
 )
 
 

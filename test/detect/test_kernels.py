@@ -6,6 +6,7 @@ import tracemalloc
 from lowsnr_common.core import compiled
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.core.motion import MotionModes
+from lowsnr_detect.detectors.bernoulli import Bernoulli
 from lowsnr_detect.detectors.cusum import CUSUM
 from lowsnr_detect.detectors.cusum import page_recursion
 from lowsnr_detect.detectors.hmm import forward
@@ -131,7 +132,7 @@ def test_hmm_is_its_definition(rng, shape, order, speed):
 
 @pytest.mark.parametrize('detector', [
     SDT(), SDT(restart='unused', radius=2), SDT(move_prior=True), CUSUM(), HMM(order=0),
-    HMM(order=1), PMF(headings=8)])
+    HMM(order=1), PMF(headings=8), Bernoulli()])
 @pytest.mark.parametrize('regions', [2, 3, 64])
 def test_regions_give_the_same_bits(rng, detector, regions):
     whole = replace(detector, sensor=SENSOR, threshold=4.0)
@@ -174,7 +175,7 @@ def test_nothing_is_compiled_after_the_warm_up(rng, name, kind, monkeypatch):
 
 @pytest.mark.parametrize(('detector', 'planes', 'size'), [
     (SDT(threshold=50.0), 4, 4), (CUSUM(threshold=50.0), 1, 4), (HMM(order=0), 1, 8),
-    (HMM(order=1), 9, 8)])
+    (HMM(order=1), 9, 8), (Bernoulli(threshold=10.0), 11, 8)])
 def test_detector_holds_at_most_three_times_its_planes(rng, detector, planes, size):
     frames = rng.standard_normal((3, 200, 200))
     warm_up(detector)

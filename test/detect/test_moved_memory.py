@@ -44,7 +44,7 @@ def test_statistic_is_that_of_cells_which_stood_still(name, rng):
     np.testing.assert_allclose(found, known, rtol=1e-5, atol=1e-5)
 
 
-@pytest.mark.parametrize('name', ['hmm', 'pmf', 'tbd1', 'mmtbd1', 'tbd2', 'mmtbd2'])
+@pytest.mark.parametrize('name', ['bernoulli', 'hmm', 'pmf', 'tbd1', 'mmtbd1', 'tbd2', 'mmtbd2'])
 def test_posterior_stays_at_the_object(name, rng):
     kind = detector_class(name)
     few = {'particles': 400} if 'particles' in kind.__dataclass_fields__ else {}
@@ -58,7 +58,7 @@ def test_posterior_stays_at_the_object(name, rng):
         if number < 7:  # the last frame shows nothing: the memory alone knows the place
             frame[tuple(place)] = detector.sensor.intensity
         memory, declared = detector.step(memory, frame, rng)
-    (item,) = declared.estimates()
+    item = declared.estimates()[0]
     assert np.hypot(*(item.state[[2, 0]] - place)) < 2.0
 
 

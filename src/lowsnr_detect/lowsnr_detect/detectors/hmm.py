@@ -44,12 +44,10 @@ from lowsnr_detect.parts.existence import PosteriorDetector
 from lowsnr_detect.parts.grid_filter import as_plane
 from lowsnr_detect.parts.grid_filter import birth_belief
 from lowsnr_detect.parts.grid_filter import expect_belief
+from lowsnr_detect.parts.grid_filter import local_moments
 from lowsnr_detect.parts.grid_filter import move_and_weigh
 from lowsnr_detect.parts.grid_filter import over_runs
 from lowsnr_detect.parts.grid_filter import total
-from lowsnr_detect.parts.local_estimate import best_cells
-from lowsnr_detect.parts.local_estimate import grid_moments
-from lowsnr_detect.parts.local_estimate import windows
 from lowsnr_detect.parts.moves import move_model
 from lowsnr_detect.parts.moves import MoveModel
 from lowsnr_detect.parts.moves import shifted
@@ -179,7 +177,7 @@ class HMM(PosteriorDetector):
             log_odds = np.full_like(log_odds, -np.inf)
         return state, declare_posterior(
             log_odds, self.threshold,
-            lambda found: self._local_moments(model, weights[:, :, found]))
+            lambda found: local_moments(weights[:, :, found], model, self.sensor.cell_size_m))
 
     def _filtered(
         self, model: MoveModel, state: tuple[Belief, ...], frame: np.ndarray,
@@ -249,15 +247,3 @@ class HMM(PosteriorDetector):
             ratio = np.maximum(present / as_plane(absent), _LEAST_RATIO)
         weights = then.given * ratio
         return then.log_odds + np.log(total(weights)), weights
-
-    def _local_moments(
-        self, model: MoveModel, weights: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return mean and covariance of the best local mode of n runs."""
-        size = model.history.size
-        belief = weights.reshape(size, *weights.shape[2:])
-        cells = best_cells(belief.sum(axis=0))
-        return grid_moments(
-            windows(belief, np.arange(len(cells)), cells), cells,
-            model.velocity.reshape(size, 2), model.velocity_cov.reshape(size, 2, 2),
-            self.sensor.cell_size_m)

@@ -11,6 +11,9 @@ from __future__ import annotations
 from lowsnr_detect.parts import grid_kernels
 from lowsnr_detect.parts.bands import in_bands
 from lowsnr_detect.parts.grid_kernels import BLOCK
+from lowsnr_detect.parts.local_estimate import best_cells
+from lowsnr_detect.parts.local_estimate import grid_moments
+from lowsnr_detect.parts.local_estimate import windows
 from lowsnr_detect.parts.moves import MoveModel
 from lowsnr_detect.parts.moves import shifted
 import numpy as np
@@ -116,3 +119,33 @@ def as_plane(value: np.ndarray) -> np.ndarray:
 def total(belief: np.ndarray) -> np.ndarray:
     """Return the sum over histories and cells, (...,)."""
     return np.asarray(belief.sum(axis=(0, 1, -2, -1)))
+
+
+def local_moments(
+    belief: np.ndarray, model: MoveModel, cell_size_m: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return mean and covariance of the state in the best local mode of a belief.
+
+    Parameters
+    ----------
+    belief : (dropped, kept, n, rows, cols) ndarray
+        Probability of each history and cell, not normalised, for n runs.
+    model
+        Mean and covariance of the velocity given each history.
+    cell_size_m
+        Side of a cell [m].
+
+    Returns
+    -------
+    (n, 4) ndarray
+        Mean ``[p_x, v_x, p_y, v_y]`` [m, m/s].
+    (n, 4, 4) ndarray
+        Covariance.
+
+    """
+    joint = belief.reshape(model.history.size, *belief.shape[2:])
+    cells = best_cells(joint.sum(axis=0))
+    return grid_moments(
+        windows(joint, np.arange(len(cells)), cells), cells, model.velocity.reshape(-1, 2),
+        model.velocity_cov.reshape(-1, 2, 2), cell_size_m)
