@@ -9,8 +9,11 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 from lowsnr_bringup.bags.reader import Bag
+from lowsnr_bringup.bags.recorded_run import COMPRESSED
 from lowsnr_bringup.bags.replay import played_frames
 from lowsnr_bringup.bags.replay import PlayedFrame
+from lowsnr_bringup.formats.compressed import decode_compressed
+from lowsnr_bringup.ros.frame_bag import array_to_image
 from lowsnr_common.core.records import Malformed
 from lowsnr_common.ros import messages
 from lowsnr_common.ros.bringup_line import DATA_TIME
@@ -27,6 +30,7 @@ from rclpy.lifecycle import LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import Image
 from vision_msgs.msg import Detection2DArray
 
@@ -37,9 +41,9 @@ class PlayerNode(ManagedNode):
     """
     Publish ``image_raw``, ``ground_truth``, ``ground_truth/odometry`` and ``/clock``.
 
-    The node publishes the bytes that were recorded.  It publishes a frame by the wall clock, at
-    ``rate_hz`` or at the recorded times, or, in lockstep, when the evaluator has scored the frame
-    before it.  After the last frame the node ends its process.
+    The node publishes the bytes that were recorded; it unpacks compressed images.  It publishes a
+    frame by the wall clock, at ``rate_hz`` or at the recorded times, or, in lockstep, when the
+    evaluator has scored the frame before it.  After the last frame the node ends its process.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -51,8 +55,11 @@ class PlayerNode(ManagedNode):
         depth, playing = self.settings.queue_depth, self.playing
         self._bag = Bag(Path(playing.bag))
         self._left = playing.frames or -1
-        self._frames = self._after(
-            played_frames(self._bag, playing.frames_topic, playing.truth_topic))
+        self._compressed = self._bag.topics.get(playing.frames_topic) == COMPRESSED
+        self._truth_bag = Bag(Path(playing.truth_bag)) if playing.truth_bag else None
+        self._frames = self._after(played_frames(
+            self._bag, playing.frames_topic, playing.truth_topic, playing.left_out,
+            self._truth_bag))
         self._image = self.create_publisher(
             Image, 'image_raw', reliable(frame_depth(depth, playing.rows, playing.cols)))
         self._data_time = self.create_publisher(Clock, DATA_TIME, reliable(depth))
@@ -126,7 +133,12 @@ class PlayerNode(ManagedNode):
             for data in frame.odometry or self._odometry_of(frame.truth.data):
                 self._odometry.publish(data)
             self._array.publish(frame.truth.data)
-        self._image.publish(frame.image)
+        self._image.publish(self._unpacked(frame.image) if self._compressed else frame.image)
+
+    def _unpacked(self, data: bytes) -> Image:
+        """Return a compressed image as one that nodes take."""
+        message = deserialize_message(data, CompressedImage)
+        return array_to_image(decode_compressed(message), message.header)
 
     def _odometry_of(self, data: bytes) -> list[Odometry]:
         """Return odometry, without velocity, for truth that was recorded without odometry."""
@@ -143,7 +155,8 @@ class PlayerNode(ManagedNode):
         wait_for_readers(self.outputs)
         for note in self._bag.notes:
             self.get_logger().warning(note)
-        self._bag.close()
+        for bag in filter(None, (self._bag, self._truth_bag)):
+            bag.close()
         self.finish()
 
 

@@ -11,11 +11,17 @@ from typing import Any
 from lowsnr_bringup.bags.errors import UnusableFile
 from lowsnr_bringup.bags.reader import Bag
 from lowsnr_bringup.bags.recording import CUSTOM_PARAMETERS
+from lowsnr_bringup.formats.compressed import decode_compressed
+from lowsnr_common.core.encodings import check_image
+from lowsnr_common.core.records import Malformed
+from lowsnr_common.core.timeline import increasing
 from lowsnr_common.settings.text import load_yaml
 from lowsnr_common.settings.text import one_line
 import numpy as np
+from numpy.typing import NDArray
 
 IMAGE, ARRAY = 'sensor_msgs/msg/Image', 'vision_msgs/msg/Detection2DArray'
+COMPRESSED = 'sensor_msgs/msg/CompressedImage'
 _FRAMES = '/image_raw'
 
 
@@ -48,6 +54,8 @@ class RecordedRun:
         A line for each thing that is damaged or missing.
     frames_topic
         Topic of the frames.
+    left_out : tuple of int
+        Indices of the frames whose stamps are not in order, see :func:`increasing`.
 
     """
 
@@ -64,6 +72,41 @@ class RecordedRun:
     sensor: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     frames_topic: str = _FRAMES
+    left_out: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class BagFrames:
+    """
+    The frames of a topic of a bag.
+
+    Attributes
+    ----------
+    stamps_ns : (T,) ndarray
+        Their stamps, in the order of the bag [ns].
+    kept : (K,) ndarray
+        Indices of the frames that are replayed, whose stamps increase.
+    shape
+        Rows and columns of every frame.
+    encoding
+        How they are encoded; of compressed ones as what they are unpacked to.
+
+    """
+
+    stamps_ns: NDArray[np.int64]
+    kept: NDArray[np.int64]
+    shape: tuple[int, int]
+    encoding: str
+
+    def note(self, topic: str) -> str:
+        """Return how many frames are left out and which is the first; nothing if none is."""
+        out = np.setdiff1d(np.arange(len(self.stamps_ns)), self.kept)
+        if not out.size:
+            return ''
+        seconds, nanoseconds = divmod(int(self.stamps_ns[out[0]]), 1_000_000_000)
+        return (f'{topic}: {out.size} of {len(self.stamps_ns)} frames are left out, because their '
+                'stamps are zero, repeated or not after those before them; the first is frame '
+                f'{out[0] + 1}, of {seconds}.{nanoseconds:09} s')
 
 
 def inspect_bag(path: Path, frames_topic: str | None, truth_topic: str) -> RecordedRun:
@@ -81,36 +124,48 @@ def inspect_bag(path: Path, frames_topic: str | None, truth_topic: str) -> Recor
     ------
     UnusableFile
         With a reason of :class:`~lowsnr_bringup.bags.reader.Bag` or :func:`check_type`, or
-        ``no frames``, ``stamps`` that do not increase, or ``size`` of a frame that is not that
-        of the first one.
+        ``no frames``, ``stamps`` of which no two are in order, ``size`` of a frame that is not
+        that of the first one, or that of a malformed image.
 
     """
     with Bag(path) as bag:
         parameters = recorded_parameters(bag)
         frames_topic = frames_topic or recorded_frames_topic(bag, parameters)
-        check_type(bag, frames_topic, IMAGE, '--frames-topic')
+        check_type(bag, frames_topic, (IMAGE, COMPRESSED), '--frames-topic')
         truth = truth_topic in bag.topics
         if truth:
-            check_type(bag, truth_topic, ARRAY, '--truth-topic')
-        stamps_ns, (rows, cols), encoding = _read_frames(bag, frames_topic)
+            check_type(bag, truth_topic, (ARRAY,), '--truth-topic')
+        frames = _read_frames(bag, frames_topic)
         for message in bag.messages({truth_topic, f'{truth_topic}/odometry'} if truth else ()):
             bag.read(message)
         evaluator = parameters.get('/evaluator', {})
-        steps_s = np.diff(stamps_ns) / 1e9
+        steps_s = np.diff(frames.stamps_ns[frames.kept]) / 1e9
+        out = np.setdiff1d(np.arange(len(frames.stamps_ns)), frames.kept)
         return RecordedRun(
             name=one_line(evaluator.get('scenario') or path.resolve().stem),
-            frames=len(stamps_ns), rows=rows, cols=cols,
+            frames=len(frames.kept), rows=frames.shape[0], cols=frames.shape[1],
             period_s=float(np.median(steps_s)) if steps_s.size else 1.0,
-            truth=truth, encoding=encoding, raw=not evaluator or '/conditioner' in parameters,
+            truth=truth, encoding=frames.encoding,
+            raw=not evaluator or '/conditioner' in parameters,
             simulated='/sensor' in parameters or bool(
                 parameters.get('/player', {}).get('simulated')),
-            seed=evaluator.get('seed'), notes=tuple(bag.notes), frames_topic=frames_topic,
+            seed=evaluator.get('seed'),
+            notes=(*bag.notes, *filter(None, [frames.note(frames_topic)])),
+            frames_topic=frames_topic, left_out=tuple(map(int, out)),
             sensor={k: v for k, v in evaluator.items() if k.startswith('sensor.')})
 
 
-def check_type(bag: Bag, topic: str, msgtype: str, option: str) -> None:
+def frames_of(path: Path, frames_topic: str | None) -> BagFrames:
+    """Return the frames of a bag; raises as :func:`inspect_bag`."""
+    with Bag(path) as bag:
+        topic = frames_topic or recorded_frames_topic(bag, recorded_parameters(bag))
+        check_type(bag, topic, (IMAGE, COMPRESSED), '--frames-topic')
+        return _read_frames(bag, topic)
+
+
+def check_type(bag: Bag, topic: str, msgtypes: tuple[str, ...], option: str) -> None:
     """
-    Check that a bag has a topic of a type.
+    Check that a bag has a topic of one of some types.
 
     Raises
     ------
@@ -119,38 +174,52 @@ def check_type(bag: Bag, topic: str, msgtype: str, option: str) -> None:
         option that picks one.
 
     """
-    alike = sorted(name for name, kind in bag.topics.items() if kind == msgtype)
+    alike = sorted(name for name, kind in bag.topics.items() if kind in msgtypes)
     if topic in bag.topics and topic not in alike:
         raise UnusableFile(
-            bag.path, 'type', f'{topic} is of type {bag.topics[topic]}, not {msgtype}')
+            bag.path, 'type', f'{topic} is of type {bag.topics[topic]}, not {msgtypes[0]}')
     if topic not in bag.topics:
         hint = f'; {option} can be {", ".join(alike)}' if alike else ''
-        raise UnusableFile(bag.path, 'no topic', f'has no topic {topic} of type {msgtype}{hint}')
+        raise UnusableFile(
+            bag.path, 'no topic', f'has no topic {topic} of type {msgtypes[0]}{hint}')
 
 
-def _read_frames(bag: Bag, topic: str) -> tuple[list[int], tuple[int, int], str]:
-    """Return the stamps [ns] of the frames, their rows and columns, and their encoding."""
+def _read_frames(bag: Bag, topic: str) -> BagFrames:
+    """Read all frames; UnusableFile names the first that detectors cannot use."""
     stamps_ns: list[int] = []
     shape, encoding = (0, 0), ''
     for message in bag.messages({topic}):
         image = bag.read(message)
-        stamp_ns = image.header.stamp.sec * 1_000_000_000 + image.header.stamp.nanosec
         where = f'{topic}: frame {len(stamps_ns) + 1}'
-        if stamps_ns and stamp_ns <= stamps_ns[-1]:
+        try:
+            found, encoding = _checked(image)
+        except Malformed as error:
+            raise UnusableFile(bag.path, error.reason, f'{where}: {error}') from None
+        shape = shape if stamps_ns else found
+        if found != shape:
             raise UnusableFile(
-                bag.path, 'stamps', f'{where} has stamp {stamp_ns / 1e9:.9g} s, which is not '
-                f'after {stamps_ns[-1] / 1e9:.9g} s of the one before')
-        shape = shape if stamps_ns else (image.height, image.width)
-        if (image.height, image.width) != shape or not all(shape):
-            raise UnusableFile(
-                bag.path, 'size', f'{where} has {image.width} x {image.height} pixels'
-                + f' after frames of {shape[1]} x {shape[0]}' * all(shape))
-        stamps_ns.append(stamp_ns)
-        encoding = image.encoding
+                bag.path, 'size', f'{where} has {found[1]} x {found[0]} pixels after frames of '
+                f'{shape[1]} x {shape[0]}')
+        stamp = image.header.stamp
+        stamps_ns.append(stamp.sec * 1_000_000_000 + stamp.nanosec)
     if not stamps_ns:
         because = f' ({"; ".join(bag.notes)})' if bag.notes else ''
         raise UnusableFile(bag.path, 'no frames', f'{topic}: no frames{because}')
-    return stamps_ns, shape, encoding
+    kept = increasing(stamps_ns)
+    if len(kept) < min(2, len(stamps_ns)):
+        raise UnusableFile(
+            bag.path, 'stamps', f'{topic}: the stamps of its {len(stamps_ns)} frames do not '
+            'increase: record it again with a camera that stamps each frame')
+    return BagFrames(np.array(stamps_ns), np.array(kept, np.int64), shape, encoding)
+
+
+def _checked(image: Any) -> tuple[tuple[int, int], str]:
+    """Return rows, columns and encoding of an image; Malformed if detectors cannot use it."""
+    if hasattr(image, 'format'):
+        pixels = decode_compressed(image)
+        return (pixels.shape[0], pixels.shape[1]), f'mono{8 * pixels.itemsize}'
+    check_image(image)
+    return (image.height, image.width), image.encoding
 
 
 def recorded_frames_topic(bag: Bag, parameters: Mapping[str, Mapping[str, Any]]) -> str:

@@ -85,17 +85,20 @@ class FrameBag:
             If the frame is of another type.
 
         """
-        header = Header(frame_id=FRAME_ID, stamp=Time(
-            sec=stamp_ns // 1_000_000_000, nanosec=stamp_ns % 1_000_000_000))
+        header = _header(stamp_ns)
         self._write('/clock', Clock(clock=header.stamp), stamp_ns)
         if truth is not None:
-            objects = [Estimate(item.state, np.zeros((4, 4)), 1.0, item.id) for item in truth]
-            for item in objects:
-                odometry = messages.estimate_to_odometry(item, header)
-                self._write('/ground_truth/odometry', odometry, stamp_ns)
-            self._write(
-                '/ground_truth', messages.estimates_to_array(objects, header, 1.0), stamp_ns)
-        self._write(self._frames_topic, _image(frame, header), stamp_ns)
+            self.add_truth(stamp_ns, truth)
+        self._write(self._frames_topic, array_to_image(frame, header), stamp_ns)
+
+    def add_truth(self, stamp_ns: int, truth: Sequence[Truth]) -> None:
+        """Add the objects that are present at a time [ns]."""
+        header = _header(stamp_ns)
+        objects = [Estimate(item.state, np.zeros((4, 4)), 1.0, item.id) for item in truth]
+        for item in objects:
+            odometry = messages.estimate_to_odometry(item, header)
+            self._write('/ground_truth/odometry', odometry, stamp_ns)
+        self._write('/ground_truth', messages.estimates_to_array(objects, header, 1.0), stamp_ns)
 
     def sync(self) -> None:
         """Make the bag readable up to here, even if the process is killed."""
@@ -109,7 +112,12 @@ class FrameBag:
         self._bag.write(self._topics[name], serialize_message(message), stamp_ns, stamp_ns)
 
 
-def _image(frame: NDArray[np.number], header: Header) -> Image:
+def _header(stamp_ns: int) -> Header:
+    return Header(frame_id=FRAME_ID, stamp=Time(
+        sec=stamp_ns // 1_000_000_000, nanosec=stamp_ns % 1_000_000_000))
+
+
+def array_to_image(frame: NDArray[np.number], header: Header) -> Image:
     """Return a frame as an image of its own depth."""
     if np.issubdtype(frame.dtype, np.floating):
         return messages.frame_to_image(frame, header)
