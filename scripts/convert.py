@@ -49,6 +49,7 @@ def main() -> int:
     options = parse_arguments(sys.argv[1:])
     from lowsnr_bringup.bags.image_files import open_frames
     from lowsnr_bringup.ros.film_bag import write_film
+    from lowsnr_common.settings.text import printable
     begun = False
     try:
         if os.path.lexists(options.out):
@@ -72,7 +73,7 @@ def main() -> int:
         if begun:  # the bag is not complete
             shutil.rmtree(options.out, ignore_errors=True)
     for note in film.notes:
-        print(f'convert.py: {note}', file=sys.stderr)
+        print(f'convert.py: {printable(note)}', file=sys.stderr)
     print(f'{count} frames in {options.out}')
     return 0
 

@@ -70,18 +70,17 @@ def test_most_stamps_that_increase_are_found_as_by_trying_all(length):
         best = max(
             (len(each) for size in range(length + 1)
              for each in itertools.combinations(range(length), size)
-             if all(stamps[k] > 0 for k in each)
-             and all(stamps[a] < stamps[b] for a, b in itertools.pairwise(each))), default=0)
+             if all(stamps[a] < stamps[b] for a, b in itertools.pairwise(each))), default=0)
         found = increasing(stamps)
         assert len(found) == best
         kept = [stamps[k] for k in found]
         assert found == sorted(found)
-        assert kept == sorted(set(kept) - {0})
+        assert kept == sorted(set(kept))
 
 
 @pytest.mark.parametrize(('stamps', 'left_out'), [
     ([1, 2, 3, 4, 5, 6, 7, 8], ()), ([1, 2, 3, 3, 5, 6, 7, 8], (3,)),  # repeated
-    ([0, 2, 3, 4, 5, 6, 7, 8], (0,)), ([1, 2, 0, 4, 5, 6, 7, 8], (2,)),
+    ([0, 2002, 2003, 2004, 2005, 2006, 2007, 2008], (0,)), ([0, 1, 2, 3, 4, 5, 6, 7], ()), ([1, 2, 0, 4, 5, 6, 7, 8], (2,)),
     ([1, 2, 3, 99, 5, 6, 7, 8], (3,)), ([1, 2, 3, 4, 1, 6, 7, 8], (4,)),  # ahead, late
     ([1, 3, 2, 4, 5, 7, 6, 8], (1, 5))])  # swapped
 def test_stamp_that_is_out_of_order_costs_its_frame(tmp_path, frames, stamps, left_out):

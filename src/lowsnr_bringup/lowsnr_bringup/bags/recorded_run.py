@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 IMAGE, ARRAY = 'sensor_msgs/msg/Image', 'vision_msgs/msg/Detection2DArray'
 COMPRESSED = 'sensor_msgs/msg/CompressedImage'
 _FRAMES = '/image_raw'
+_MOST_STEPS = 100  # periods from a first stamp 0 to the next: beyond, no clock was set
 
 
 @dataclass(frozen=True)
@@ -205,12 +206,22 @@ def _read_frames(bag: Bag, topic: str) -> BagFrames:
     if not stamps_ns:
         because = f' ({"; ".join(bag.notes)})' if bag.notes else ''
         raise UnusableFile(bag.path, 'no frames', f'{topic}: no frames{because}')
-    kept = increasing(stamps_ns)
+    kept = _in_order(stamps_ns)
     if len(kept) < min(2, len(stamps_ns)):
         raise UnusableFile(
             bag.path, 'stamps', f'{topic}: the stamps of its {len(stamps_ns)} frames do not '
             'increase: record it again with a camera that stamps each frame')
     return BagFrames(np.array(stamps_ns), np.array(kept, np.int64), shape, encoding)
+
+
+def _in_order(stamps_ns: list[int]) -> list[int]:
+    """Return the indices of frames that are replayed; a first stamp 0 must be near the next."""
+    kept = increasing(stamps_ns)
+    if len(kept) > 1 and stamps_ns[kept[0]] == 0:
+        steps_ns = np.diff([stamps_ns[k] for k in kept])
+        if steps_ns[0] > _MOST_STEPS * np.median(steps_ns):
+            return kept[1:]
+    return kept
 
 
 def _checked(image: Any) -> tuple[tuple[int, int], str]:

@@ -185,11 +185,11 @@ def _is_conditioned(found: RecordedRun, options: RunOptions) -> bool:
             f'--camera: a run publishes {options.camera} itself, unless with --condition off')
     if not conditioned and found.encoding != _DETECTABLE:
         raise ValueError(
-            f'{found.name}: its frames are {found.encoding}, and detectors '
+            f'{options.camera_topic or found.name}: its frames are {found.encoding}, and detectors '
             f'take {_DETECTABLE}: leave out --condition off')
     if conditioned and min(found.rows, found.cols) < _LEAST:
         raise ValueError(
-            f'{found.name}: its frames have {found.cols} x {found.rows} '
+            f'{options.camera_topic or found.name}: its frames have {found.cols} x {found.rows} '
             f'pixels, and a conditioner takes at least {_LEAST} x {_LEAST}: stack the lines of '
             'several frames into one')
     return conditioned

@@ -55,14 +55,14 @@ def increasing(stamps: Sequence[int]) -> list[int]:
     """
     Return the indices of the most stamps of which each is later than the one before.
 
-    Stamps that are not above 0 are left out.  It is the longest increasing subsequence, in
+    Negative stamps are left out.  It is the longest increasing subsequence, in
     O(n log n): ``ends[k]`` is the smallest last stamp of any such sequence of k + 1.
     """
     ends: list[int] = []
     last: list[int] = []  # index of the last stamp of the sequence of that length
     before: list[int] = [-1] * len(stamps)
     for index, stamp in enumerate(stamps):
-        if stamp <= 0:
+        if stamp < 0:
             continue
         length = bisect_left(ends, stamp)
         if length < len(ends) and ends[length] == stamp:  # a repeated stamp: the first one stays
