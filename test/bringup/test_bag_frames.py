@@ -80,7 +80,8 @@ def test_most_stamps_that_increase_are_found_as_by_trying_all(length):
 
 @pytest.mark.parametrize(('stamps', 'left_out'), [
     ([1, 2, 3, 4, 5, 6, 7, 8], ()), ([1, 2, 3, 3, 5, 6, 7, 8], (3,)),  # repeated
-    ([0, 2002, 2003, 2004, 2005, 2006, 2007, 2008], (0,)), ([0, 1, 2, 3, 4, 5, 6, 7], ()), ([1, 2, 0, 4, 5, 6, 7, 8], (2,)),
+    ([0, 2002, 2003, 2004, 2005, 2006, 2007, 2008], (0,)), ([0, 1, 2, 3, 4, 5, 6, 7], ()),
+    ([1, 2, 0, 4, 5, 6, 7, 8], (2,)),
     ([1, 2, 3, 99, 5, 6, 7, 8], (3,)), ([1, 2, 3, 4, 1, 6, 7, 8], (4,)),  # ahead, late
     ([1, 3, 2, 4, 5, 7, 6, 8], (1, 5))])  # swapped
 def test_stamp_that_is_out_of_order_costs_its_frame(tmp_path, frames, stamps, left_out):
@@ -106,6 +107,15 @@ def test_encoding_that_nodes_do_not_take_is_refused_before_the_start(tmp_path, f
     floats = np.zeros((*SHAPE, 3), 'f4')
     refused(write(tmp_path / 'bag', lambda types: (
         image(types, ZERO + k, floats, '32FC3') for k in range(3))), 'wrong encoding')
+
+
+def test_first_blank_pixel_of_frames_without_a_conditioner_is_found(tmp_path, frames):
+    given = frames.astype('f4')
+    given[2, 3, 4], given[5] = np.nan, 2e9
+    for first, blank in ((0, 'frame 3'), (3, 'frame 3'), (6, '')):
+        path = write(tmp_path / f'bag{first}', lambda types, first=first: (
+            image(types, ZERO + k, frame, '32FC1') for k, frame in enumerate(given[first:])))
+        assert inspect_bag(path, TOPIC, TRUTH).blank == blank
 
 
 def test_compressed_images_are_unpacked_at_their_depth(tmp_path, frames):

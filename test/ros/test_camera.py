@@ -67,7 +67,7 @@ def test_size_encoding_and_period_are_seen(camera, qos):
 
 
 @pytest.mark.parametrize(('make', 'reason'), [
-    (lambda k: image(k, 'bgr8'), 'wrong encoding'),
+    (lambda k: image(k, '32FC3'), 'wrong encoding'),
     (lambda k: image(k, rows=0), 'empty frame'),
     (lambda k: image(k, rows=3 + k % 2), 'changing size'),
     (lambda k: image(0.0), 'constant stamps'),

@@ -139,7 +139,7 @@ def test_clock_set_back_is_reported_once_and_the_node_continues(
     answered = [*range(101, 106), *range(SET_BACK_AFTER, 31)]
     spin(lambda: len(answers) == len(answered))
     assert [message.header.stamp.sec for message in answers] == answered
-    status = status_with(f'detections {SET_BACK}', ' 105 s ', ' 10 s')
+    status = status_with(f'detections {SET_BACK}', ' 105.000000000 s ', ' 10.000000000 s')
     values = {item.key: item.value for item in status.values}
     assert (values['set back'], values['late'], values['out']) == (
         '1', str(SET_BACK_AFTER - 1), str(len(answered)))
@@ -170,6 +170,26 @@ def test_frames_of_a_best_effort_camera_that_comes_late_are_received(context, ot
     header = Header(stamp=messages.stamp_from_seconds(1.0))
     camera.publish(messages.frame_to_image(np.zeros((8, 8)), header))
     spin(lambda: answers)
+    node.destroy_node()
+
+
+@pytest.mark.parametrize(('qos', 'in_effect'), [
+    (qos_profile_sensor_data, 'BEST_EFFORT'), (DEPTH, 'RELIABLE')])
+def test_camera_that_comes_late_is_heard_as_it_sends_and_never_incompatible(
+        context, other, spin, qos, in_effect):
+    node = ConditionerNode(context=context, parameter_overrides=[Parameter('live', value=True)])
+    node.trigger_configure()
+    camera = other.create_publisher(Image, 'image_raw', qos)
+
+    def reliabilities():
+        node.report()
+        return [item.qos_profile.reliability.name
+                for item in other.get_subscriptions_info_by_topic('/image_raw')]
+    spin(lambda: reliabilities() == [in_effect] and camera.get_subscription_count(), node, other)
+    node.trigger_activate()
+    for _ in range(3):
+        node.report()
+        assert not [fault for fault in node._faults if fault.reason == OTHER_QOS]
     node.destroy_node()
 
 

@@ -13,7 +13,9 @@ from lowsnr_bringup.bags.reader import Bag
 from lowsnr_bringup.bags.recording import CUSTOM_PARAMETERS
 from lowsnr_bringup.formats.compressed import decode_compressed
 from lowsnr_common.core.encodings import check_image
+from lowsnr_common.core.encodings import is_whole
 from lowsnr_common.core.records import Malformed
+from lowsnr_common.core.timeline import in_seconds
 from lowsnr_common.core.timeline import increasing
 from lowsnr_common.settings.text import load_yaml
 from lowsnr_common.settings.text import one_line
@@ -57,6 +59,8 @@ class RecordedRun:
         Topic of the frames.
     left_out : tuple of int
         Indices of the frames whose stamps are not in order, see :func:`increasing`.
+    blank
+        The first frame with a pixel that is not a finite number up to 1e9; empty if none has.
 
     """
 
@@ -74,6 +78,7 @@ class RecordedRun:
     notes: tuple[str, ...] = ()
     frames_topic: str = _FRAMES
     left_out: tuple[int, ...] = ()
+    blank: str = ''
 
 
 @dataclass(frozen=True)
@@ -91,6 +96,8 @@ class BagFrames:
         Rows and columns of every frame.
     encoding
         How they are encoded; of compressed ones as what they are unpacked to.
+    blank
+        The first frame with a pixel that is not a finite number up to 1e9; empty if none has.
 
     """
 
@@ -98,16 +105,16 @@ class BagFrames:
     kept: NDArray[np.int64]
     shape: tuple[int, int]
     encoding: str
+    blank: str
 
     def note(self, topic: str) -> str:
         """Return how many frames are left out and which is the first; nothing if none is."""
         out = np.setdiff1d(np.arange(len(self.stamps_ns)), self.kept)
         if not out.size:
             return ''
-        seconds, nanoseconds = divmod(int(self.stamps_ns[out[0]]), 1_000_000_000)
         return (f'{topic}: {out.size} of {len(self.stamps_ns)} frames are left out, because their '
                 'stamps are zero, repeated or not after those before them; the first is frame '
-                f'{out[0] + 1}, of {seconds}.{nanoseconds:09} s')
+                f'{out[0] + 1}, of {in_seconds(int(self.stamps_ns[out[0]]))} s')
 
 
 def inspect_bag(path: Path, frames_topic: str | None, truth_topic: str) -> RecordedRun:
@@ -152,7 +159,7 @@ def inspect_bag(path: Path, frames_topic: str | None, truth_topic: str) -> Recor
                 parameters.get('/player', {}).get('simulated')),
             seed=evaluator.get('seed'),
             notes=(*bag.notes, *filter(None, [frames.note(frames_topic)])),
-            frames_topic=frames_topic, left_out=tuple(map(int, out)),
+            frames_topic=frames_topic, left_out=tuple(map(int, out)), blank=frames.blank,
             sensor={k: v for k, v in evaluator.items() if k.startswith('sensor.')})
 
 
@@ -188,7 +195,7 @@ def check_type(bag: Bag, topic: str, msgtypes: tuple[str, ...], option: str) -> 
 def _read_frames(bag: Bag, topic: str) -> BagFrames:
     """Read all frames; UnusableFile names the first that detectors cannot use."""
     stamps_ns: list[int] = []
-    shape, encoding = (0, 0), ''
+    shape, encoding, blank = (0, 0), '', ''
     for message in bag.messages({topic}):
         image = bag.read(message)
         where = f'{topic}: frame {len(stamps_ns) + 1}'
@@ -201,6 +208,8 @@ def _read_frames(bag: Bag, topic: str) -> BagFrames:
             raise UnusableFile(
                 bag.path, 'size', f'{where} has {found[1]} x {found[0]} pixels after frames of '
                 f'{shape[1]} x {shape[0]}')
+        if not blank and encoding == '32FC1' and not is_whole(image):
+            blank = f'frame {len(stamps_ns) + 1}'
         stamp = image.header.stamp
         stamps_ns.append(stamp.sec * 1_000_000_000 + stamp.nanosec)
     if not stamps_ns:
@@ -211,7 +220,7 @@ def _read_frames(bag: Bag, topic: str) -> BagFrames:
         raise UnusableFile(
             bag.path, 'stamps', f'{topic}: the stamps of its {len(stamps_ns)} frames do not '
             'increase: record it again with a camera that stamps each frame')
-    return BagFrames(np.array(stamps_ns), np.array(kept, np.int64), shape, encoding)
+    return BagFrames(np.array(stamps_ns), np.array(kept, np.int64), shape, encoding, blank)
 
 
 def _in_order(stamps_ns: list[int]) -> list[int]:

@@ -11,6 +11,7 @@ from pathlib import Path
 from lowsnr_bringup.bags.errors import UnusableFile
 from lowsnr_bringup.formats.frames import TimedFrame
 from lowsnr_bringup.formats.pixels import Frame
+from lowsnr_common.core.timeline import in_seconds
 import numpy as np
 from numpy.typing import NDArray
 
@@ -89,10 +90,9 @@ class FrameReader:
                 first_ns = time_ns if k == 1 else first_ns
                 stamp_ns = time_ns + (0 if self.absolute else round(even_s * 1e9) - first_ns)
             if stamp_ns <= last_ns:
-                name = f'{self.files[k - 1]}: ' if self.files else ''
                 raise UnusableFile(
-                    self.path, 'stamps', f'{name}frame {k} has the time {stamp_ns / 1e9:.9f} s, '
-                    f'which is not after {last_ns / 1e9:.9f} s of the one before; --period gives '
-                    'the time between frames')
+                    self.path, 'stamps', f'frame {k} has the time {in_seconds(stamp_ns)} s, which '
+                    f'is not after {in_seconds(last_ns)} s of the one before; --period gives the '
+                    'time between frames')
             last_ns = stamp_ns
             yield pixels, stamp_ns

@@ -6,13 +6,13 @@ from pathlib import Path
 
 from lowsnr_bringup.bags.errors import UnusableFile
 from lowsnr_bringup.formats.frames import Pixels
+from lowsnr_common.core.encodings import LARGEST
 from lowsnr_common.core.encodings import luminance
 import numpy as np
 from numpy.typing import NDArray
 
 Frame = NDArray[np.integer | np.floating]
 
-LARGEST = 1e9  # beyond it are no intensities, see lowsnr_common.ros.images
 _GREY = 'colour frames are converted to grey'
 # A step between neighbouring numbers may be at most this part of the noise.
 _COARSEST = 0.25

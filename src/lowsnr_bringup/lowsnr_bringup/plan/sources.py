@@ -183,15 +183,19 @@ def _is_conditioned(found: RecordedRun, options: RunOptions) -> bool:
     if conditioned and options.camera_topic == f'{graph.CONDITIONED}image_raw':
         raise ValueError(
             f'--camera: a run publishes {options.camera} itself, unless with --condition off')
+    name = options.camera_topic or found.name
     if not conditioned and found.encoding != _DETECTABLE:
         raise ValueError(
-            f'{options.camera_topic or found.name}: its frames are {found.encoding}, and detectors '
-            f'take {_DETECTABLE}: leave out --condition off')
+            f'{name}: its frames are {found.encoding}, and detectors take {_DETECTABLE}: leave '
+            'out --condition off')
+    if not conditioned and found.blank:
+        raise ValueError(
+            f'{name}: {found.blank} has a pixel that is not a finite number up to 1e9, and '
+            'detectors take none: set --condition on')
     if conditioned and min(found.rows, found.cols) < _LEAST:
         raise ValueError(
-            f'{options.camera_topic or found.name}: its frames have {found.cols} x {found.rows} '
-            f'pixels, and a conditioner takes at least {_LEAST} x {_LEAST}: stack the lines of '
-            'several frames into one')
+            f'{name}: its frames have {found.cols} x {found.rows} pixels, and a conditioner takes '
+            f'at least {_LEAST} x {_LEAST}: stack the lines of several frames into one')
     return conditioned
 
 

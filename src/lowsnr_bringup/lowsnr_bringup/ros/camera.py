@@ -13,6 +13,7 @@ from lowsnr_bringup.bags.recorded_run import RecordedRun
 from lowsnr_bringup.ros.bringup_node import bringup_node
 from lowsnr_bringup.run.middleware import middleware_environment
 from lowsnr_common.core.records import Malformed
+from lowsnr_common.core.timeline import in_seconds
 from lowsnr_common.ros.connections import input_faults
 from lowsnr_common.ros.connections import name_of
 from lowsnr_common.ros.connections import OTHER_TYPE
@@ -151,7 +152,7 @@ def _described(topic: str, images: list[Image]) -> RecordedRun:
     if period_s <= 0.0:
         raise CameraError(
             'constant stamps', f'{topic}: the stamps of its frames do not grow '
-            f'({", ".join(f"{stamp / 1e9:.14g}" for stamp in stamps_ns)} s): set up the camera '
+            f'({", ".join(in_seconds(stamp) for stamp in stamps_ns)} s): set up the camera '
             'to stamp each frame')
     rows, cols = shapes.pop()
     return RecordedRun(

@@ -8,6 +8,8 @@ from typing import Protocol
 from lowsnr_common.core.records import Malformed
 import numpy as np
 
+# Numbers beyond it are no intensities; squared and summed up they still are finite.
+LARGEST = 1e9
 MONO = {
     'mono8': 'u1', '8UC1': 'u1', '8SC1': 'i1', 'mono16': 'u2', '16UC1': 'u2', '16SC1': 'i2',
     '32SC1': 'i4', '32FC1': 'f4', '64FC1': 'f8'}
@@ -73,6 +75,12 @@ def pixels_of(image: EncodedImage) -> np.ndarray:
 def check_image(image: EncodedImage) -> None:
     """Raise Malformed as :func:`pixels_of` does."""
     _raw(image)
+
+
+def is_whole(image: EncodedImage) -> bool:
+    """Return whether every number of an image is finite and at most 1e9."""
+    raw = _raw(image)
+    return bool(raw.dtype.kind != 'f' or (raw.min() >= -LARGEST and raw.max() <= LARGEST))
 
 
 def _raw(image: EncodedImage) -> np.ndarray:

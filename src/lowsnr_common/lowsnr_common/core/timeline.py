@@ -10,6 +10,12 @@ from enum import Enum
 SET_BACK_AFTER = 10
 
 
+def in_seconds(stamp: int) -> str:
+    """Return a stamp [ns] in seconds, in full."""
+    seconds, nanoseconds = divmod(abs(stamp), 1_000_000_000)
+    return f'{"-" * (stamp < 0)}{seconds}.{nanoseconds:09}'
+
+
 class StampOrder(Enum):
     """How a stamp relates to those before it."""
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
+from lowsnr_common.core.encodings import LARGEST
 from lowsnr_common.core.encodings import pixels_of
 from lowsnr_common.core.records import Malformed
 import numpy as np
 from sensor_msgs.msg import Image
-
-# Numbers beyond it are no intensities; squared and summed up they still are finite.
-LARGEST = 1e9
 
 
 def image_to_array(image: Image) -> np.ndarray:
