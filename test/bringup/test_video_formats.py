@@ -44,8 +44,10 @@ def test_video_keeps_the_depth_of_its_luminance(tmp_path, frames, form, scale):
     with av.open(str(tmp_path / 'a.mkv'), 'w') as container:
         stream = container.add_stream('ffv1', rate=25)
         stream.width, stream.height, stream.pix_fmt = SHAPE[1], SHAPE[0], form
+        stream.codec_context.color_range = 2  # black is 0
         for frame in given:
             picture = av.VideoFrame(SHAPE[1], SHAPE[0], form)
+            picture.color_range = 2
             plane = picture.planes[0]
             rows = np.zeros((SHAPE[0], plane.line_size), 'u1')
             rows[:, :SHAPE[1] * frame.itemsize] = frame.view('u1')
@@ -58,6 +60,36 @@ def test_video_keeps_the_depth_of_its_luminance(tmp_path, frames, form, scale):
     np.testing.assert_array_equal(found, given)
     assert found.dtype == given.dtype
     np.testing.assert_allclose(stamps, 0.04 * np.arange(1, 7), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize('form', ['yuv420p', 'yuv422p', 'nv12'])
+def test_video_whose_black_is_16_is_read_as_another_library_reads_it(tmp_path, frames, form):
+    path, given = tmp_path / 'a.avi', (frames // 8).astype('u1')
+    with av.open(str(path), 'w') as container:
+        stream = container.add_stream('rawvideo', rate=25)
+        stream.width, stream.height, stream.pix_fmt = SHAPE[1], SHAPE[0], form
+        for frame in given:
+            container.mux(stream.encode(
+                av.VideoFrame.from_ndarray(frame, 'gray').reformat(format=form)))
+        container.mux(stream.encode(None))
+    found = read(path)[1]
+    np.testing.assert_allclose(found.astype(int), given, atol=1)
+    assert abs(found.mean() - given.mean()) < 0.1
+
+
+def test_video_that_is_cut_off_says_so(tmp_path, frames):
+    path = tmp_path / 'a.mkv'
+    with av.open(str(path), 'w') as container:
+        stream = container.add_stream('ffv1', rate=25)
+        stream.width, stream.height, stream.pix_fmt = SHAPE[1], SHAPE[0], 'gray16le'
+        for frame in frames:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(frame, 'gray16le')))
+        container.mux(stream.encode(None))
+    assert read(path)[0].notes == []
+    path.write_bytes(path.read_bytes()[:-2500])
+    reader, found, _ = read(path)
+    assert 1 < len(found) < 6
+    assert f'declares 6 frames and holds {len(found)}' in reader.notes[0]
 
 
 def test_video_has_the_times_of_its_frames(tmp_path, frames):

@@ -139,7 +139,7 @@ def _in_order(path: Path, sources: list[FrameSource]) -> list[FrameSource]:
 
 def _reader(path: Path, sources: list[FrameSource]) -> FrameReader:
     """Return a reader of the frames of some files."""
-    notes = [note for source in sources for note in source.notes]
+    notes: list[str] = []
     single = len(sources) > 1 and all(source.count == 1 for source in sources)
     timed = all(source.absolute for source in sources) or len(sources) == 1
     storing = Storing(notes)
@@ -152,6 +152,7 @@ def _reader(path: Path, sources: list[FrameSource]) -> FrameReader:
                 yield TimedFrame(
                     storing.storable(frame.pixels, source.path, where),
                     frame.time_ns if timed else None)
+            notes.extend(note for note in source.notes if note not in notes)
         storing.end(path)
 
     first = next(frames(), None)

@@ -22,8 +22,8 @@ from lowsnr_common.settings.text import one_line
 import numpy as np
 from numpy.typing import NDArray
 
-# Times and truth are in memory for all frames: those of a day at 190 Hz.
-MOST_FRAMES = 2**24
+MOST_FRAMES = 2**24  # whose times and truth are in memory: those of a day at 190 Hz
+_MOST_NAMED = 8  # arrays in a line
 # Others unpack a few bytes to gigabytes at once.
 _COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _HEADERS = {
@@ -128,9 +128,10 @@ class FrameArchive:
         cubes = [name for name, header in headers.items() if header.can_be_frames]
         if select is None and len(cubes) == 1:
             return cubes[0]
-        held = ', '.join(f'{name} {header}' for name, header in headers.items()) or 'no array'
+        named = [f'{name} {header}' for name, header in headers.items()]
+        held = ', '.join(named[:_MOST_NAMED]) + ', ...' * (len(named) > _MOST_NAMED)
         raise UnusableFile(
-            self._path, 'no frames', f'has no array {wanted}; it holds {held}'
+            self._path, 'no frames', f'has no array {wanted}; it holds {held or "no array"}'
             + '; --select NAME picks one' * bool(headers))
 
     def _header(self, name: str) -> _Array:

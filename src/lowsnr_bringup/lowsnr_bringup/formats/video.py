@@ -19,6 +19,7 @@ import numpy as np
 
 # The first plane of these is the luminance, in numbers as they were recorded.
 _PLANAR = re.compile(r'(?:gray|yuvj?a?4\d\dp|yuva?4\d\dp|nv\d\d)(f?)(\d*)(le|be)?')
+_FULL_RANGE = 2  # of AVColorRange
 # Packed formats, and the planar ones that hold the same numbers.
 _UNPACKED = {
     'yuyv422': 'yuv422p', 'uyvy422': 'yuv422p', 'yvyu422': 'yuv422p', 'ya8': 'gray',
@@ -29,10 +30,35 @@ _UNPACKED = {
 def open_video(path: Path, select: str | None = None) -> FrameSource:
     """Return the frames of the first video stream of a file."""
     av = library(path, 'av')
-    rate = _with_stream(path, av, lambda stream: stream.average_rate or stream.base_rate)
-    source = FrameSource(path, lambda: _frames(path, av, rate))
-    source.period_s = float(1 / rate) if rate else None
+    rate, declared = _with_stream(path, av, _described)
+    source = FrameSource(path, lambda: iter(()), period_s=float(1 / rate) if rate else None)
+    source.frames = lambda: _counted(_frames(path, av, rate), declared, source)
     return source
+
+
+def _described(stream: Any) -> tuple[Fraction | None, int]:
+    """Return the rate, and the number of frames that a file declares, 0 if it does not."""
+    rate = stream.average_rate or stream.base_rate
+    ticks, base = stream.duration, stream.time_base
+    if ticks is None and stream.container.duration is not None:
+        ticks, base = stream.container.duration, Fraction(1, 1_000_000)
+    # A duration of the container may be that of its sound.
+    alone = len(stream.container.streams) == 1
+    return rate, stream.frames or (int(ticks * base * rate) if ticks and rate and alone else 0)
+
+
+def _counted(
+    frames: Iterator[TimedFrame], declared: int, source: FrameSource,
+) -> Iterator[TimedFrame]:
+    """Yield frames; note whether fewer came than the file declares."""
+    count, last_ns = 0, 0
+    for frame in frames:
+        count, last_ns = count + 1, frame.time_ns or 0
+        yield frame
+    came = max(count, round(last_ns / 1e9 / source.period_s) + 1 if source.period_s else 0)
+    note = f'{source.path}: declares {declared} frames and holds {count}: it is cut off'
+    if came < declared and note not in source.notes:
+        source.notes.append(note)
 
 
 def _with_stream(path: Path, av: Any, ask: Any) -> Any:
@@ -106,7 +132,16 @@ def _luminance(frame: Any) -> Pixels:
     bits = frame.format.components[0].bits
     kind = np.dtype(f'{order}f4' if found[1] else f'{order}u{1 if bits <= 8 else 2}')
     plane = frame.planes[0]
-    rows = np.ndarray(
+    pixels = np.ndarray(
         (frame.height, frame.width), kind, bytes(plane),
         strides=(plane.line_size, kind.itemsize))
-    return rows
+    is_full = frame.color_range == _FULL_RANGE or name.startswith(('gray', 'yuvj'))
+    return pixels if is_full else _full_range(pixels, bits)
+
+
+def _full_range(pixels: Pixels, bits: int) -> Pixels:
+    """Return luminance whose black is 16 and whose white is 235, of 8 bits, from 0 on."""
+    black, white, most = 16 << bits - 8, 235 << bits - 8, 2**bits - 1
+    grey = np.rint((np.arange(most + 1) - black) * (most / (white - black)))
+    table = np.clip(grey, 0, most).astype(pixels.dtype.newbyteorder('='))
+    return np.asarray(table[pixels & most])
