@@ -1,6 +1,7 @@
 """Both ends of a connection that does not fit are named; time that goes back ends nothing."""
 
 import sys
+import time
 
 from bringup_end import BringupEnd
 from builtin_interfaces.msg import Time
@@ -199,7 +200,10 @@ def test_source_in_lockstep_goes_on_with_the_word_it_waits_for_alone(context, ot
     with BringupEnd(node) as bringup:
         bringup.say('restarts', NodeRestarted('/evaluator', 'was killed', 1.0).to_message())
         spin(lambda: len(frames) == 4)
-    assert node.counts['out'] == 4
+    since = time.monotonic()
+    spin(lambda: len(frames) == 5)  # the frame after a restart may be lost
+    assert time.monotonic() - since < 15.0  # its usual patience
+    assert node.counts['out'] == 5
     node.destroy_node()
 
 
