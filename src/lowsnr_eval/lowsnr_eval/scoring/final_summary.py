@@ -10,13 +10,13 @@ from typing import Any
 
 from lowsnr_bringup.plan.graph import build
 from lowsnr_bringup.run import results_folder as files
+from lowsnr_bringup.run.earlier_run import earlier_counts
+from lowsnr_bringup.run.earlier_run import earlier_restarts
+from lowsnr_bringup.run.earlier_run import evaluator_parameters
 from lowsnr_bringup.run.frame_ledger import FrameLedger
 from lowsnr_common.settings.flat_values import flat_values
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.node_settings import RunSettings
-from lowsnr_eval.scoring.earlier_run import earlier_counts
-from lowsnr_eval.scoring.earlier_run import earlier_restarts
-from lowsnr_eval.scoring.earlier_run import evaluator_parameters
 from lowsnr_eval.scoring.score_tables import read_frames
 from lowsnr_eval.scoring.score_tables import read_latency
 from lowsnr_eval.scoring.tallies import Tallies
