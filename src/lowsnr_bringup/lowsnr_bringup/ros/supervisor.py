@@ -131,7 +131,8 @@ class Supervisor:
             finally:
                 self._manager.catch_up()
                 self._watch_nodes()
-                self.account = Account(self._manager.ledger, self._manager.restarted)
+                self.account = Account(
+                    self._manager.ledger, self._manager.restarted, self._manager.alarm_rates)
 
     def _follow(self) -> None:
         """Start the graph, and wait until the source is done and its frames are scored."""
