@@ -117,6 +117,10 @@ def test_large_frame_is_reduced_to_its_brightest_cells(rng):
     frame = rng.standard_normal((7, 11))
     expected = [[frame[r:r + 3, c:c + 3].max() for c in range(0, 11, 3)] for r in range(0, 7, 3)]
     assert np.array_equal(reduced(frame, 3), np.float32(expected))
+    frame[0, :2], frame[3:6, 3:6] = np.nan, np.nan  # a few without a value, and a whole block
+    expected = [[np.nanmax(frame[r:r + 3, c:c + 3]) if (r, c) != (3, 3) else np.nan
+                 for c in range(0, 11, 3)] for r in range(0, 7, 3)]
+    np.testing.assert_array_equal(reduced(frame, 3), np.float32(expected))
 
 
 @pytest.mark.parametrize('frame', [np.zeros((30, 40)), None])

@@ -8,6 +8,7 @@ from typing import Any
 from geometry_msgs.msg import TransformStamped
 from lowsnr_common.core.records import Malformed
 from lowsnr_common.ros import messages
+from lowsnr_common.ros.diagnostics import Fault
 from lowsnr_common.ros.frame_maps import map_to_info
 from lowsnr_common.ros.frame_maps import map_to_motion
 from lowsnr_common.ros.images import image_to_array
@@ -32,6 +33,10 @@ from std_msgs.msg import Header
 _ASSUMED_SHAPE = (1024, 1024)
 # From the scene of a node to that of the one after its restart: beyond what any camera turns.
 _FAR_CELLS = 1_000_000
+# The events of a conditioned frame that mean that it is ignored.
+_WITHOUT_CONTENT = {
+    'blank': 'most pixels have no value', 'saturated': 'most pixels have the largest value',
+    'flat': 'the scene is not seen in it'}
 
 
 class ConditionerNode(ManagedNode):
@@ -51,7 +56,6 @@ class ConditionerNode(ManagedNode):
         depth, detectors = self.settings.queue_depth, self.settings.consumers
         frames = frame_depth(depth, *_ASSUMED_SHAPE)
         self._conditioner_state: ConditionerState | None = None
-        self._event = ''
         self._motion = self.create_publisher(TransformStamped, 'camera_motion', reliable(depth))
         self._info = self.create_publisher(
             CameraInfo, 'conditioned/camera_info', reliable(depth))
@@ -76,10 +80,18 @@ class ConditionerNode(ManagedNode):
             self.reject(
                 'image_raw', error.reason, f'{error}; frame rejected, published as zeros')
             output = self.conditioning.unobserved(self._conditioner_state)
-        if output.event and output.event != self._event:
-            self.get_logger().info(f'frame {self.counts["in"]}: {output.event}')
-        self._event = output.event
+        self._name(output.event)
         self._publish(output, image.header, self._conditioner_state.shape)
+
+    def _name(self, event: str) -> None:
+        """Report what is unusual about a frame: that it has no content, or a cut."""
+        what = f'frame {self.counts["in"]}'
+        if event == 'cut':
+            self.warn(Fault('image_raw', event, f'{what} shows another scene: the background, '
+                            'what detectors remember and tracks start anew'))
+        elif event in _WITHOUT_CONTENT:
+            self.reject('image_raw', f'{event} frame', f'{what} is {event}: '
+                        f'{_WITHOUT_CONTENT[event]}; frame ignored, published as zeros')
 
     def _first_state(self, shape: tuple[int, ...]) -> ConditionerState:
         """Return the state before the first frame: of a restarted node, in another scene."""

@@ -106,6 +106,11 @@ class Node:
         return self.name in ('sensor', 'player')
 
     @property
+    def takes_raw(self) -> bool:
+        """Whether the node takes frames of a camera, recorded or live, as they are."""
+        return self.live or self.name == 'conditioner'
+
+    @property
     def detector(self) -> bool:
         """Whether the node runs a detector."""
         return self.name.endswith(_DETECTOR)

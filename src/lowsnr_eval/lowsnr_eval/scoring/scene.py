@@ -38,12 +38,12 @@ def reduction(shape: tuple[int, int]) -> int:
 
 
 def reduced(frame: np.ndarray, step: int) -> np.ndarray:
-    """Return the brightest cell of each block of ``step`` x ``step`` cells, (rows, cols)."""
-    blocks = np.full([-(-size // step) for size in frame.shape], -np.inf, np.float32)
+    """Return the brightest cell of each block of ``step`` x ``step`` cells, NaN if it has none."""
+    blocks = np.full([-(-size // step) for size in frame.shape], np.nan, np.float32)
     for row, col in np.ndindex(step, step):
         cells = frame[row::step, col::step]
         part = blocks[:cells.shape[0], :cells.shape[1]]
-        np.maximum(part, cells, out=part, casting='same_kind')
+        np.fmax(part, cells, out=part, casting='same_kind')
     return blocks
 
 
