@@ -21,6 +21,7 @@ from lowsnr_common.ros.qos import reliable
 from lowsnr_sensor.conditioning.conditioner import ConditioningSettings
 from lowsnr_sensor.conditioning.state import Conditioned
 from lowsnr_sensor.conditioning.state import ConditionerState
+import numpy as np
 from rclpy.lifecycle import LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn
 import scipy.ndimage  # noqa: F401  (here, so that the first frame does not wait for it)
@@ -31,6 +32,7 @@ from std_msgs.msg import Header
 
 # Before the first frame the size is unknown: the queues are as deep as for frames of this size.
 _ASSUMED_SHAPE = (1024, 1024)
+_WARM_UP_SHAPE, _WARM_UP_FRAMES = (64, 64), 6
 # From the scene of a node to that of the one after its restart: beyond what any camera turns.
 _FAR_CELLS = 1_000_000
 # The events of a conditioned frame that mean that it is ignored.
@@ -52,7 +54,8 @@ class ConditionerNode(ManagedNode):
         self.conditioning = declare(self, ConditioningSettings)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Create publishers and the subscription."""
+        """Create publishers and the subscription, and load the compiled loops."""
+        warm_up(self.conditioning)
         depth, detectors = self.settings.queue_depth, self.settings.consumers
         frames = frame_depth(depth, *_ASSUMED_SHAPE)
         self._conditioner_state: ConditionerState | None = None
@@ -106,6 +109,16 @@ class ConditionerNode(ManagedNode):
         own = Header(stamp=header.stamp, frame_id=f'{header.frame_id}_cells')
         self._image.publish(messages.frame_to_image(output.cells, own))
         self.counts['out'] += 1
+
+
+def warm_up(conditioning: ConditioningSettings) -> None:
+    """Condition a few small frames of a moving camera, so that the compiled loops are ready."""
+    rng = np.random.default_rng(0)
+    scene = np.kron(rng.standard_normal((16, 20)), np.full((4, 4), 100.0))
+    state = conditioning.init(_WARM_UP_SHAPE)
+    for k in range(_WARM_UP_FRAMES):
+        frame = scene[:_WARM_UP_SHAPE[0], k:k + _WARM_UP_SHAPE[1]]
+        state, _ = conditioning.step(state, frame + rng.standard_normal(_WARM_UP_SHAPE))
 
 
 def main(args: list[str] | None = None) -> None:
