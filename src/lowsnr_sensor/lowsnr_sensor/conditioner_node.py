@@ -63,8 +63,10 @@ class ConditionerNode(ManagedNode):
         self._info = self.create_publisher(
             CameraInfo, 'conditioned/camera_info', reliable(depth))
         self._image = self.create_publisher(Image, 'conditioned/image_raw', reliable(frames))
+        evaluators = int(detectors > 0)
         self.outputs = {  # each detector has a tracker
-            self._motion: 0, self._info: 2 * detectors, self._image: detectors}
+            self._motion: 0, self._info: 2 * detectors + evaluators,
+            self._image: detectors + evaluators}
         self.listen(Image, 'image_raw', self._on_frame, any_reliability(frames))
         return TransitionCallbackReturn.SUCCESS
 

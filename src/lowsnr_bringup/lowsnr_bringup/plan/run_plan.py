@@ -136,7 +136,7 @@ def _start_at_once(
             values['operating_point'] = 'nominal'
             name = node.removesuffix('_detector')
             notes.append(
-                f'{name} is not calibrated for frames of {shape[1]} x {shape[0]} cells, and starts '
+                f'{name} is not calibrated for frames of {shape[1]} x {shape[0]} cells: it starts '
                 'with its nominal threshold, whose false-alarm rate is not known: --detector auto '
                 f'needs no calibration; python scripts/calibrate.py --detector {name} --snr '
                 f'{detector.sensor.snr_db:g} --rows {shape[0]} --cols {shape[1]} makes one for '

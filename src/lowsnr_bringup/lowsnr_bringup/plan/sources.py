@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from dataclasses import field
 import os
 from pathlib import Path
-from typing import Any
 from typing import TYPE_CHECKING
 
 from lowsnr_bringup.plan import graph
