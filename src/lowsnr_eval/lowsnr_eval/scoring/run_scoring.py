@@ -51,6 +51,8 @@ class RunScorer:
         Called with a sentence and a reason code for each frame that cannot be scored.
     resumed
         Whether to continue the results that an earlier process left in the folder.
+    conditioned
+        Whether the scene is given conditioned cells too.
 
     Raises
     ------
@@ -61,7 +63,7 @@ class RunScorer:
 
     def __init__(
         self, run: RunSettings, evaluation: Evaluation, reject: Callable[[str, str], None],
-        resumed: bool = False,
+        resumed: bool = False, conditioned: bool = False,
     ) -> None:
         self._truth, self._evaluation, self._reject = run.truth, evaluation, reject
         space = '{}/' if run.namespaces else ''
@@ -74,7 +76,8 @@ class RunScorer:
         folder = Path(run.results)
         folder.mkdir(parents=True, exist_ok=True)
         self.tables = ScoreTables(folder, run.detectors, resumed)
-        self.scene = SceneWriter(folder, evaluation.sensor.cell_size_m, resumed)
+        self.scene = SceneWriter(
+            folder, evaluation.sensor.cell_size_m, resumed, conditioned)
         self._join = FrameJoin(self.topics, self._key, self.tables.stamp_ns)
         self.number = self.tables.number
         self.ledger = FrameLedger(self.number)
