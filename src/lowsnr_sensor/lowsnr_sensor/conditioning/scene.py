@@ -45,6 +45,7 @@ def follow(
         state,
         planes=Planes(*(moved_by(plane, pixels, 0.0) for plane in state.planes)),
         local=blocks_moved_by(state.local, (binning * blocks[0], binning * blocks[1])),
+        before=moved_by(state.before, (down, right), 0.0),
         trace=moved_by(state.trace, (down, right), 0.0),
         cell_variance=blocks_moved_by(state.cell_variance, (blocks[0], blocks[1])),
         position=(fit.position[0] - pixels[0], fit.position[1] - pixels[1]),
