@@ -111,6 +111,31 @@ def test_frame_of_another_size_is_rejected(rng):
     assert caught.value.reason == 'too small'
 
 
+@pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf])
+def test_frames_without_a_value_leave_no_trace(rng, value):
+    frames = 50.0 + 3.0 * rng.standard_normal((30, 40, 48))
+    state = DEFAULT.init((40, 48))
+    for frame in frames[:20]:
+        state, _ = DEFAULT.step(state, frame)
+    after, output = DEFAULT.step(state, np.full((40, 48), value))
+    assert output.event == 'blank'
+    for frame in frames[20:]:
+        state, wanted = DEFAULT.step(state, frame)
+        after, found = DEFAULT.step(after, frame)
+        np.testing.assert_array_equal(found.cells, wanted.cells)
+
+
+@pytest.mark.parametrize('kind', [np.float64, np.uint16])
+@pytest.mark.parametrize('value', [0.0, 65535.0])
+@pytest.mark.parametrize('count', [1, 3])
+def test_black_or_bright_first_frames_blind_for_ten_frames_at_most(kind, value, count):
+    frames, truth = camera_scene(amplitude=4.0)
+    steady = at_object(conditioned(frames), truth)
+    frames[:count] = value
+    seen = at_object(conditioned(np.rint(frames).astype(kind)), truth)
+    assert np.median(seen[count + 10:]) > 0.85 * np.median(steady[count + 10:])
+
+
 def test_cosmic_rays_are_limited_and_a_bright_object_is_not():
     frames, truth = camera_scene(amplitude=20.0)
     frames[40, 11, 11] += 1000.0

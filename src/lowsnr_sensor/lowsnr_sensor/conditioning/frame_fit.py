@@ -234,7 +234,7 @@ def _is_cut(sample: Sample, fit: Fit, square: float) -> bool:
         return False
     values = sample.values[known]
     level = (values - fit.residual[known] - fit.offset) / fit.gain
-    contrast, other = float(level.std()), float(values.std())
+    contrast, other = (float(plane.std(dtype=float)) for plane in (level, values))
     if min(contrast, other) < _CONTRAST * float(np.median(sample.noise)):
         return False
     return bool(np.corrcoef(values, level)[0, 1] < _CUT_CORRELATION)
