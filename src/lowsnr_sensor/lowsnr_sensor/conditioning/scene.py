@@ -115,13 +115,10 @@ def from_image(
         return after
     out = Planes(*(np.empty_like(plane) for plane in after))
     scalars = (np.float32(change.gain), np.float32(change.offset))
-    step = np.where(
-        before.age > 0.0, after.level - (scalars[0] * before.level + scalars[1]),
-        np.float32(0.0))
     row, col = _nearest(state)
     (top, down), (left, right) = (whole_and_fraction(-place) for place in state.position)
     scene_kernels.to_scene(
-        tuple(state.planes), step, tuple(after), scalars, (-row, -col), (top, left),
+        tuple(state.planes), (before.level, before.age), tuple(after), scalars, (-row, -col), (top, left),
         (np.float32(down), np.float32(right)), tuple(out))
     return out
 
