@@ -11,7 +11,7 @@ import cv2
 from lowsnr_bringup.bags.errors import UnusableFile
 from lowsnr_bringup.bags.image_files import open_frames
 from lowsnr_bringup.formats import npz
-from lowsnr_bringup.formats.bounds import MOST_PIXELS
+from lowsnr_common.images.compressed import MOST_PIXELS
 import numpy as np
 import pytest
 

@@ -3,10 +3,10 @@
 from types import SimpleNamespace
 
 import cv2
-from lowsnr_common.core.encodings import check_image
-from lowsnr_common.core.encodings import ENCODINGS
-from lowsnr_common.core.encodings import pixels_of
 from lowsnr_common.core.records import Malformed
+from lowsnr_common.images.encodings import check_image
+from lowsnr_common.images.encodings import ENCODINGS
+from lowsnr_common.images.encodings import pixels_of
 import numpy as np
 import pytest
 

@@ -12,12 +12,11 @@ from lowsnr_bringup.bags.reader import Bag
 from lowsnr_bringup.bags.recorded_run import COMPRESSED
 from lowsnr_bringup.bags.replay import played_frames
 from lowsnr_bringup.bags.replay import PlayedFrame
-from lowsnr_bringup.formats.compressed import decode_compressed
-from lowsnr_bringup.ros.frame_bag import array_to_image
 from lowsnr_common.core.records import Malformed
 from lowsnr_common.ros import messages
 from lowsnr_common.ros.bringup_line import DATA_TIME
 from lowsnr_common.ros.connections import wait_for_readers
+from lowsnr_common.ros.images import unpacked
 from lowsnr_common.ros.lockstep import Lockstep
 from lowsnr_common.ros.managed_node import ManagedNode
 from lowsnr_common.ros.node_main import run
@@ -128,17 +127,16 @@ class PlayerNode(ManagedNode):
         seconds, nanoseconds = divmod(frame.stamp_ns, 1_000_000_000)
         data_time = Clock(clock=Time(sec=seconds, nanosec=nanoseconds))
         self._data_time.publish(data_time)
-        self.bringup.tell(DATA_TIME, data_time)
         if frame.truth is not None:
             for data in frame.odometry or self._odometry_of(frame.truth.data):
                 self._odometry.publish(data)
             self._array.publish(frame.truth.data)
         self._image.publish(self._unpacked(frame.image) if self._compressed else frame.image)
+        self.bringup.tell(DATA_TIME, data_time)  # last: what is told is not played again
 
     def _unpacked(self, data: bytes) -> Image:
         """Return a compressed image as one that nodes take."""
-        message = deserialize_message(data, CompressedImage)
-        return array_to_image(decode_compressed(message), message.header)
+        return unpacked(deserialize_message(data, CompressedImage))
 
     def _odometry_of(self, data: bytes) -> list[Odometry]:
         """Return odometry, without velocity, for truth that was recorded without odometry."""

@@ -11,12 +11,13 @@ from typing import Any
 from lowsnr_bringup.bags.errors import UnusableFile
 from lowsnr_bringup.bags.reader import Bag
 from lowsnr_bringup.bags.recording import CUSTOM_PARAMETERS
-from lowsnr_bringup.formats.compressed import decode_compressed
-from lowsnr_common.core.encodings import check_image
-from lowsnr_common.core.encodings import is_whole
 from lowsnr_common.core.records import Malformed
 from lowsnr_common.core.timeline import in_seconds
 from lowsnr_common.core.timeline import increasing
+from lowsnr_common.images.compressed import decode_compressed
+from lowsnr_common.images.encodings import check_image
+from lowsnr_common.images.encodings import is_whole
+from lowsnr_common.images.encodings import pixels_of
 from lowsnr_common.settings.text import load_yaml
 from lowsnr_common.settings.text import one_line
 import numpy as np
@@ -24,6 +25,7 @@ from numpy.typing import NDArray
 
 IMAGE, ARRAY = 'sensor_msgs/msg/Image', 'vision_msgs/msg/Detection2DArray'
 COMPRESSED = 'sensor_msgs/msg/CompressedImage'
+CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
 _FRAMES = '/image_raw'
 _MOST_STEPS = 100  # periods from a first stamp 0 to the next: beyond, no clock was set
 
@@ -208,7 +210,7 @@ def _read_frames(bag: Bag, topic: str) -> BagFrames:
             raise UnusableFile(
                 bag.path, 'size', f'{where} has {found[1]} x {found[0]} pixels after frames of '
                 f'{shape[1]} x {shape[0]}')
-        if not blank and encoding == '32FC1' and not is_whole(image):
+        if not blank and encoding == '32FC1' and not is_whole(pixels_of(image)):
             blank = f'frame {len(stamps_ns) + 1}'
         stamp = image.header.stamp
         stamps_ns.append(stamp.sec * 1_000_000_000 + stamp.nanosec)

@@ -22,8 +22,8 @@ from typing import IO
 
 from lowsnr_bringup.bags.errors import UNREADABLE
 from lowsnr_bringup.bags.errors import UnusableFile
-from lowsnr_bringup.formats.bounds import MOST_PIXELS
 from lowsnr_bringup.formats.frames import Pixels
+from lowsnr_common.images.compressed import MOST_PIXELS
 import numpy as np
 
 # Of the process, with the libraries that it maps; a frame of 2**26 pixels takes a third of it.

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from lowsnr_bringup.bags.errors import UnusableFile
 from lowsnr_bringup.formats.frames import Pixels
-from lowsnr_common.core.encodings import LARGEST
-from lowsnr_common.core.encodings import luminance
+from lowsnr_common.images.encodings import LARGEST
+from lowsnr_common.images.encodings import luminance
 import numpy as np
 from numpy.typing import NDArray
 

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import array
 from collections.abc import Mapping
 from collections.abc import Sequence
 from pathlib import Path
-import sys
 from types import TracebackType
 from typing import Any
 
@@ -16,15 +14,14 @@ from lowsnr_bringup.bags.writer import BagWriter
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.core.records import Truth
 from lowsnr_common.ros import messages
+from lowsnr_common.ros.images import array_to_image
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
 FRAME_ID = 'sensor'
-_INTEGER_ENCODINGS = {'uint8': 'mono8', 'uint16': 'mono16'}
 
 
 class FrameBag:
@@ -115,18 +112,3 @@ class FrameBag:
 def _header(stamp_ns: int) -> Header:
     return Header(frame_id=FRAME_ID, stamp=Time(
         sec=stamp_ns // 1_000_000_000, nanosec=stamp_ns % 1_000_000_000))
-
-
-def array_to_image(frame: NDArray[np.number], header: Header) -> Image:
-    """Return a frame as an image of its own depth."""
-    if np.issubdtype(frame.dtype, np.floating):
-        return messages.frame_to_image(frame, header)
-    encoding = _INTEGER_ENCODINGS.get(frame.dtype.name)
-    if encoding is None:
-        raise ValueError(f'frames of {frame.dtype.name} cannot be stored; use uint8, uint16 '
-                         'or floating-point numbers')
-    data = array.array('B')
-    data.frombytes(np.ascontiguousarray(frame).tobytes())
-    return Image(
-        header=header, height=frame.shape[0], width=frame.shape[1], encoding=encoding,
-        is_bigendian=int(sys.byteorder == 'big'), step=frame.itemsize * frame.shape[1], data=data)
