@@ -40,6 +40,7 @@ def parse_arguments(arguments: list[str]) -> argparse.Namespace:
     options = parser.parse_args(arguments)
     if options.rate and options.period_s:
         parser.error('argument --rate: not allowed with argument --period')
+    options.period_s = 1.0 / options.rate if options.rate else options.period_s
     return options
 
 
@@ -47,7 +48,7 @@ def main() -> int:
     """Convert; return the exit code."""
     _environment.ensure()
     options = parse_arguments(sys.argv[1:])
-    from lowsnr_bringup.bags.image_files import open_frames
+    from lowsnr_bringup.formats.image_files import open_frames
     from lowsnr_bringup.ros.film_bag import write_film
     from lowsnr_common.settings.text import printable
     begun = False
@@ -57,15 +58,14 @@ def main() -> int:
         film = open_frames(options.frames, options.select, options.pattern)
         begun = True
         count = write_film(
-            film, options.out, options.storage,
-            period_s=1.0 / options.rate if options.rate else options.period_s,
+            film, options.out, options.storage, period_s=options.period_s,
             truth_file=options.truth, reading=reading(options))
     except ValueError as error:
         print(f'convert.py: {error}', file=sys.stderr)
         return USAGE
     except (OSError, sqlite3.Error) as error:
-        reason = getattr(error, 'strerror', None) or error
-        print(f'convert.py: {options.out}: {reason}', file=sys.stderr)
+        print(f'convert.py: {options.out}: {getattr(error, "strerror", "") or error}',
+              file=sys.stderr)
         return USAGE
     else:
         begun = False

@@ -5,9 +5,9 @@ import struct
 
 from astropy.io import fits
 from lowsnr_bringup.bags.errors import UnusableFile
-from lowsnr_bringup.bags.image_files import open_frames
 from lowsnr_bringup.formats import fits as fits_format
 from lowsnr_bringup.formats.fits_dates import unix_ns
+from lowsnr_bringup.formats.image_files import open_frames
 import numpy as np
 import pytest
 

@@ -8,12 +8,14 @@ import tracemalloc
 import zipfile
 
 import cv2
+import imagecodecs  # noqa: F401  (here, so that its memory does not count)
 from lowsnr_bringup.bags.errors import UnusableFile
-from lowsnr_bringup.bags.image_files import open_frames
 from lowsnr_bringup.formats import npz
+from lowsnr_bringup.formats.image_files import open_frames
 from lowsnr_common.images.compressed import MOST_PIXELS
 import numpy as np
 import pytest
+import tifffile  # noqa: F401
 
 MIB = 2**20
 

@@ -5,7 +5,7 @@ import struct
 
 import av
 from lowsnr_bringup.bags.errors import UnusableFile
-from lowsnr_bringup.bags.image_files import open_frames
+from lowsnr_bringup.formats.image_files import open_frames
 import numpy as np
 import pytest
 

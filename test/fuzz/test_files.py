@@ -15,7 +15,7 @@ from fuzz.strategies import names
 from fuzz.strategies import numbers
 from fuzz.strategies import whole
 from hypothesis import strategies as st
-from lowsnr_bringup.bags.image_files import open_frames
+from lowsnr_bringup.formats.image_files import open_frames
 from lowsnr_bringup.ros.film_bag import write_film
 from lowsnr_bringup.run.results_folder import Account
 from lowsnr_bringup.truth.forms import read_truth

@@ -12,7 +12,7 @@ from fuzz.counting import fuzz
 from fuzz.counting import tried
 from fuzz.strategies import damaged
 from hypothesis import strategies as st
-from lowsnr_bringup.bags.image_files import open_frames
+from lowsnr_bringup.formats.image_files import open_frames
 from lowsnr_bringup.truth.forms import read_truth
 from lowsnr_bringup.truth.frame_index import FrameIndex
 import numpy as np

@@ -34,7 +34,7 @@ def test_every_encoding_byte_order_and_step_is_read(rng, grid_shape, encoding, o
 
 
 @pytest.mark.parametrize(('field', 'value', 'reason', 'numbers'), [
-    ('encoding', 'rgb8', 'wrong encoding', {'8', '1', '16', '32'}),
+    ('encoding', '32FC3', 'wrong encoding', {'8', '1', '16', '32'}),
     ('step', 9, 'wrong step', {'9', '10'}),
     ('step', 11, 'wrong size', {'70', '77'}),
     ('height', 8, 'wrong size', {'70', '80'}),

@@ -176,26 +176,6 @@ def test_frames_of_a_best_effort_camera_that_comes_late_are_received(context, ot
     node.destroy_node()
 
 
-@pytest.mark.parametrize(('qos', 'in_effect'), [
-    (qos_profile_sensor_data, 'BEST_EFFORT'), (DEPTH, 'RELIABLE')])
-def test_camera_that_comes_late_is_heard_as_it_sends_and_never_incompatible(
-        context, other, spin, qos, in_effect):
-    node = ConditionerNode(context=context, parameter_overrides=[Parameter('live', value=True)])
-    node.trigger_configure()
-    camera = other.create_publisher(Image, 'image_raw', qos)
-
-    def reliabilities():
-        node.report()
-        return [item.qos_profile.reliability.name
-                for item in other.get_subscriptions_info_by_topic('/image_raw')]
-    spin(lambda: reliabilities() == [in_effect] and camera.get_subscription_count(), node, other)
-    node.trigger_activate()
-    for _ in range(3):
-        node.report()
-        assert not [fault for fault in node._faults if fault.reason == OTHER_QOS]
-    node.destroy_node()
-
-
 def test_source_in_lockstep_goes_on_with_the_word_it_waits_for_alone(context, other, spin):
     node = SensorNode(context=context, parameter_overrides=[
         Parameter('scenario', value=str(SCENARIO)), Parameter('lockstep', value=True)])

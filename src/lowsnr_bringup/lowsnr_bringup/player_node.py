@@ -8,8 +8,8 @@ import time
 from typing import Any
 
 from builtin_interfaces.msg import Time
+from lowsnr_bringup.bags.bag_frames import COMPRESSED
 from lowsnr_bringup.bags.reader import Bag
-from lowsnr_bringup.bags.recorded_run import COMPRESSED
 from lowsnr_bringup.bags.replay import played_frames
 from lowsnr_bringup.bags.replay import PlayedFrame
 from lowsnr_common.core.records import Malformed

@@ -53,7 +53,8 @@ def open_ser(path: Path, select: str | None = None) -> FrameSource:
             file.seek(_HEADER.size)
             kind = _ordered(film, file.read(film.frame_bytes))
             file.seek(_HEADER.size + film.count * film.frame_bytes)
-            ticks = np.frombuffer(file.read(8 * film.count), '<i8')
+            tail = file.read(8 * film.count)
+            ticks = np.frombuffer(tail[:len(tail) // 8 * 8], '<i8')
     except OSError as error:
         raise UnusableFile(path, 'unreadable', f'cannot be read: {error.strerror}') from None
     source = FrameSource(path, lambda: iter(()), film.count)

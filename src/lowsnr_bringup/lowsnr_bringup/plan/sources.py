@@ -115,6 +115,8 @@ def _recorded(
     every: Values = {
         **size, 'truth': found.truth,
         **(found.sensor or {'sensor.frame_period_s': found.period_s})}
+    if found.compressed:
+        every['compressed'] = True
     if found.seed is not None:
         every['seed'] = found.seed
     if conditioned:

@@ -11,10 +11,10 @@ from pathlib import Path
 import shutil
 
 from lowsnr_bringup.bags.bag_files import is_bag
-from lowsnr_bringup.bags.image_files import is_film
-from lowsnr_bringup.bags.image_files import open_frames
 from lowsnr_bringup.bags.recorded_run import frames_of
 from lowsnr_bringup.formats.film import FrameReader
+from lowsnr_bringup.formats.image_files import is_film
+from lowsnr_bringup.formats.image_files import open_frames
 from lowsnr_bringup.ros.frame_bag import FrameBag
 from lowsnr_bringup.truth.forms import read_truth
 from lowsnr_bringup.truth.forms import truth_of_array

@@ -11,10 +11,12 @@ from lowsnr_common.core.records import Malformed
 from lowsnr_common.ros.connections import input_faults
 from lowsnr_common.ros.connections import OTHER_QOS
 from lowsnr_common.ros.diagnostics import Fault
+from lowsnr_common.ros.images import unpacked
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import qos_policy_name_from_kind
 from rclpy.qos import QoSProfile
 from rclpy.qos import ReliabilityPolicy
+from sensor_msgs.msg import CompressedImage
 
 CAMERA_TOPIC = 'image_raw'
 # Reasons of faults.
@@ -59,6 +61,7 @@ class Input:
         self._callback, self._first = callback, first
         self.needed, self._steady = needed, needed and steady
         self._of_camera = node.settings.live and topic == CAMERA_TOPIC
+        self._compressed = self._of_camera and node.settings.compressed
         self.awaited = needed and not self._of_camera
         self._received_s = 0.0
         self._incompatible = ''
@@ -132,7 +135,8 @@ class Input:
             self._reliability = self._wanted()
             self._qos.reliability = self._reliability
         return self._node.create_subscription(
-            self._kind, self._topic, self._take, self._qos,
+            CompressedImage if self._compressed else self._kind, self._topic, self._take,
+            self._qos,
             event_callbacks=SubscriptionEventCallbacks(
                 message_lost=self._on_lost, incompatible_qos=self._on_incompatible,
                 use_default_callbacks=False))
@@ -142,7 +146,7 @@ class Input:
             drain(self._first.subscription)
         self._received_s = time.perf_counter()
         try:
-            self._callback(message)
+            self._callback(unpacked(message) if self._compressed else message)
         except ValueError as error:
             reason = error.reason if isinstance(error, Malformed) else UNUSABLE
             self._node.reject(self._topic, reason, str(error))

@@ -35,6 +35,8 @@ class NodeSettings:
     live: bool = setting(
         False, 'whether image_raw comes from a camera, which may stop and start again: the node '
         'does not wait for it')
+    compressed: bool = setting(
+        False, 'whether the camera sends compressed images (sensor_msgs/CompressedImage)')
     silence_s: float = setting(
         10.0, 'wall time without a message after which /diagnostics reports an input as silent '
         '[s]', gt=0.0)
