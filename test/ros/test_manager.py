@@ -46,6 +46,14 @@ def test_record_that_is_no_scored_frame_is_counted_and_named_once(told, capsys):
     assert (manager.ledger.published, manager.ledger.unseen, manager.ledger.lost) == (1, 0, 0)
 
 
+def test_source_does_not_repeat_a_frame_that_is_scored(told):
+    manager, tell = told
+    for k in (1, 2, 1):
+        tell(FrameScored(k * 10**9, k, (ChainCounts('cdt', 0, 0),)).to_message())
+    manager.spin(0.1)
+    assert manager.newest_ns == 2 * 10**9
+
+
 def test_newest_false_alarm_rate_of_each_detector_is_kept(told, capsys):
     manager, tell = told
     for rate in (AlarmRate(0.01, 0.5), AlarmRate(0.01, 0.02)):

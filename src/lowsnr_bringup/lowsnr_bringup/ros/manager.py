@@ -190,6 +190,8 @@ class Manager:
         if not self._has_source:  # of a camera only what the evaluator sees is known
             self.ledger.publish(scored.stamp_ns)
         self.ledger.score(scored.stamp_ns, scored.frame)
+        # A source that died after it had published a frame, without telling, does not repeat it.
+        self.newest_ns = max(self.newest_ns, scored.stamp_ns)
         self.scored = max(self.scored, scored.frame)
         self._detections += sum(chain.detections for chain in scored.chains)
         self._tracks += sum(chain.tracks for chain in scored.chains)

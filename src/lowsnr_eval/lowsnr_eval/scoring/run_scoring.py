@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lowsnr_bringup.run.frame_ledger import FrameLedger
+from lowsnr_bringup.run.growing_file import WriteFault
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.core.records import Truth
 from lowsnr_common.settings.node_settings import Evaluation
@@ -16,7 +17,6 @@ from lowsnr_eval.scoring.frame_join import Frame
 from lowsnr_eval.scoring.frame_join import FrameJoin
 from lowsnr_eval.scoring.frame_scoring import Answer
 from lowsnr_eval.scoring.frame_scoring import score_frame
-from lowsnr_eval.scoring.growing_file import WriteFault
 from lowsnr_eval.scoring.scene import SceneWriter
 from lowsnr_eval.scoring.score_tables import ScoreTables
 
