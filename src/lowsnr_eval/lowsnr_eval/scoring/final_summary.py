@@ -11,6 +11,7 @@ from typing import Any
 from lowsnr_bringup.plan.graph import build
 from lowsnr_bringup.plan.graph import node_of
 from lowsnr_bringup.run import results_folder as files
+from lowsnr_bringup.run.earlier_run import earlier_alarm_rates
 from lowsnr_bringup.run.earlier_run import earlier_counts
 from lowsnr_bringup.run.earlier_run import earlier_restarts
 from lowsnr_bringup.run.earlier_run import evaluator_parameters
@@ -19,13 +20,6 @@ from lowsnr_common.core.records import AlarmRate
 from lowsnr_common.settings.flat_values import flat_values
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.node_settings import RunSettings
-<<<<<<< HEAD
-=======
-from lowsnr_eval.scoring.earlier_run import earlier_alarm_rates
-from lowsnr_eval.scoring.earlier_run import earlier_counts
-from lowsnr_eval.scoring.earlier_run import earlier_restarts
-from lowsnr_eval.scoring.earlier_run import evaluator_parameters
->>>>>>> graph
 from lowsnr_eval.scoring.score_tables import read_frames
 from lowsnr_eval.scoring.score_tables import read_latency
 from lowsnr_eval.scoring.tallies import Tallies

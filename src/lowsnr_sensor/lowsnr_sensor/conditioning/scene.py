@@ -118,8 +118,8 @@ def from_image(
     row, col = _nearest(state)
     (top, down), (left, right) = (whole_and_fraction(-place) for place in state.position)
     scene_kernels.to_scene(
-        tuple(state.planes), (before.level, before.age), tuple(after), scalars, (-row, -col), (top, left),
-        (np.float32(down), np.float32(right)), tuple(out))
+        tuple(state.planes), (before.level, before.age), tuple(after), scalars, (-row, -col),
+        (top, left), (np.float32(down), np.float32(right)), tuple(out))
     return out
 
 
