@@ -22,7 +22,7 @@ sys.path[:0] = [str(ROOT / 'scripts'), str(ROOT / 'test' / 'support'), str(ROOT 
 
 import _environment  # noqa: E402
 
-DOMAIN = 98
+DOMAIN = 97
 TOPIC = '/camera/image_raw'
 # Different frames, which are published in turn.
 SCENES = 16
@@ -45,7 +45,9 @@ def main() -> int:
     os.environ |= {'ROS_DOMAIN_ID': str(DOMAIN), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
     with camera(options) as (publish, answered), graph(options) as run:
         sent = stream(publish, answered, options)
-        found = next(Path(run.results).glob('parameters.yaml')).stat().st_mtime
+        if run.process.poll() is not None:
+            sys.exit(run.finish()[2])
+        found = (run.results / 'parameters.yaml').stat().st_mtime
         cpu = {name: cpu_s(pid) for name, pid in run.processes()}
     answers = {stamp: at for stamp, at in answered.items() if stamp in sent}
     first = min(answers.values(), default=float('nan'))
