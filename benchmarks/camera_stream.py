@@ -114,7 +114,8 @@ def graph(options: Any) -> Iterator[Any]:
 
 def stream(publish: Any, answered: dict[int, float], options: Any) -> dict[int, float]:
     """Publish frames until the graph has answered for so long; return when, by stamp [ns]."""
-    messages, sent = frames(options.side), {}
+    messages = frames(options.side)
+    sent: dict[int, float] = {}
     start, until = time.time(), time.time() + 60.0 + options.seconds
     while time.time() < until:
         time.sleep(max(0.0, start + len(sent) / options.rate - time.time()))
