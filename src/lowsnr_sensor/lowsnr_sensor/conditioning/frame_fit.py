@@ -8,6 +8,8 @@ import math
 from typing import Protocol
 
 from lowsnr_sensor.conditioning import frame_change
+from lowsnr_sensor.conditioning.codec import CODED
+from lowsnr_sensor.conditioning.codec import looks_coded
 from lowsnr_sensor.conditioning.pixels import BLOCK
 from lowsnr_sensor.conditioning.pixels import Change
 from lowsnr_sensor.conditioning.pixels import own_variance
@@ -120,9 +122,9 @@ def fit_frame(
     moved = best.position != state.position
     codec = state.codec
     if integer:
-        codec += (_looks_coded(state, values, best, sample.step) - codec) / min(
+        codec += (looks_coded(state, values, best.position, sample.step) - codec) / min(
             state.frames, _SLOW)
-        floor = max(settings.codec_floor if codec > 0.5 else settings.noise_floor, floor)
+        floor = max(settings.codec_floor if codec > CODED else settings.noise_floor, floor)
     if state.frames == 1:
         sample, local = _with_first_noise(state, sample, best.residual, floor)
     spread = np.hypot(sample.deviation(best.position), _own_noise(state, sample))
@@ -159,7 +161,7 @@ def _first_look(
     some = np.where(abs(some) < UNOBSERVED, some, np.float32(np.nan))
     floor = _ROUNDING * float(np.nanmedian(abs(some))) + 1e-12
     if integer:
-        floor = max(settings.codec_floor if state.codec > 0.5 else settings.noise_floor, floor)
+        floor = max(settings.codec_floor if state.codec > CODED else settings.noise_floor, floor)
     count = min(state.frames, _SLOW)
     rows, cols = (
         np.clip((np.arange(size) * step + round(place)) // BLOCK, 0, blocks - 1)
@@ -181,18 +183,6 @@ def _own_noise(state: ConditionerState, sample: Sample) -> np.ndarray:
         np.clip(np.arange(size) * sample.step + round(place), 0, most - 1)
         for size, place, most in zip(sample.values.shape, state.position, state.shape))))
     return np.sqrt(np.maximum(own - sample.noise**2, 0.0))  # type: ignore[no-any-return]
-
-
-def _looks_coded(state: ConditionerState, values: np.ndarray, fit: Fit, step: int) -> bool:
-    """Return whether frame and the one before, where they overlap, look like compressed video."""
-    down, right = (
-        round(place - before) for place, before in zip(fit.position, state.position))
-    rows, cols = values.shape
-    if abs(down) > rows // 2 or abs(right) > cols // 2:
-        return state.codec > 0.5
-    now = values[max(-down, 0):rows - max(down, 0), max(-right, 0):cols - max(right, 0)]
-    past = state.previous[max(down, 0):rows + min(down, 0), max(right, 0):cols + min(right, 0)]
-    return frame_change.is_codec(now, past, step)
 
 
 def _with_first_noise(

@@ -205,3 +205,13 @@ def _three(plane: np.ndarray) -> np.ndarray:
 def blocks_of(shape: tuple[int, int]) -> tuple[int, int]:
     """Return rows and columns of the blocks that cover a plane."""
     return -(-shape[0] // BLOCK), -(-shape[1] // BLOCK)
+
+
+def moved_by(plane: np.ndarray, by: tuple[int, int], fill: float) -> np.ndarray:
+    """Return ``plane[i + row, j + col]`` for ``by`` = (row, col); ``fill`` beyond its border."""
+    moved = np.full_like(plane, fill)
+    parts = [(np.s_[max(-step, 0):max(size - max(step, 0), 0)],
+              np.s_[max(step, 0):max(size + min(step, 0), 0)])
+             for step, size in zip(by, plane.shape)]
+    moved[parts[0][0], parts[1][0]] = plane[parts[0][1], parts[1][1]]
+    return moved
