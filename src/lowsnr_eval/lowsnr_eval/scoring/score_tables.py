@@ -20,12 +20,12 @@ from pathlib import Path
 from typing import TypeVar
 
 from lowsnr_bringup.run import results_folder as files
+from lowsnr_bringup.run.growing_file import GrowingFile
+from lowsnr_bringup.run.growing_file import WriteFault
 from lowsnr_eval.scoring import score_rows as rows
 from lowsnr_eval.scoring.frame_scoring import Answer
 from lowsnr_eval.scoring.frame_scoring import FrameScore
 from lowsnr_eval.scoring.frame_scoring import LEVELS
-from lowsnr_eval.scoring.growing_file import GrowingFile
-from lowsnr_eval.scoring.growing_file import WriteFault
 
 T = TypeVar('T')
 
