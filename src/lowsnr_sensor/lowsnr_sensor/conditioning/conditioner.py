@@ -33,6 +33,7 @@ from lowsnr_sensor.conditioning.frame_fit import without_content
 from lowsnr_sensor.conditioning.pixels import blocks_of
 from lowsnr_sensor.conditioning.pixels import Limits
 from lowsnr_sensor.conditioning.pixels import Planes
+from lowsnr_sensor.conditioning.pixels import some
 from lowsnr_sensor.conditioning.pixels import surroundings
 from lowsnr_sensor.conditioning.pixels import UNOBSERVED
 from lowsnr_sensor.conditioning.scene import follow
@@ -208,7 +209,7 @@ class ConditioningSettings:
             self.limit, fit.floor**2, self.jitter_px)
         before, corner = to_image(state)
         younger = 1.0 + 1.0 / min(state.frames, self.background_frames)
-        noise = math.sqrt(max(float(np.median(state.local)), fit.floor**2) * younger)
+        noise = math.sqrt(max(float(np.median(some(state.local))), fit.floor**2) * younger)
         change = with_stripes(fit.change, values, before, noise, steps.stripe_sums)
         change, activity = with_noise(state, fit, change)
         after, deviations = steps.update(values, before, state.local, corner, change, limits)

@@ -14,6 +14,7 @@ from lowsnr_sensor.conditioning.pixels import BLOCK
 from lowsnr_sensor.conditioning.pixels import Change
 from lowsnr_sensor.conditioning.pixels import own_variance
 from lowsnr_sensor.conditioning.pixels import Planes
+from lowsnr_sensor.conditioning.pixels import some
 from lowsnr_sensor.conditioning.pixels import UNOBSERVED
 from lowsnr_sensor.conditioning.registration import Fit
 from lowsnr_sensor.conditioning.registration import fit_level
@@ -38,8 +39,6 @@ _CUT_ENERGY, _CUT_CORRELATION = 3.0, 0.3
 _STALE_ENERGY, _STALE = 1.5, 0.3
 # A frame is flat if its spread is below this share of what is expected.
 _FLAT = 0.2
-# Pixels from which a spread is estimated, about.
-_FEW = 2_048
 # Frames over which codec and activity are averaged, and rounding of float32, as a share.
 _SLOW, _ROUNDING = 16, 3e-7
 
@@ -85,24 +84,23 @@ class FrameFit:
 def without_content(state: ConditionerState, frame: np.ndarray, values: np.ndarray) -> str:
     """Return why a frame cannot be used: ``blank``, ``saturated`` or ``flat``; or nothing."""
     step = frame_change.sample_step(state.shape)
-    some = frame[::step, ::step]
+    raw = frame[::step, ::step]
     sample = values[::step, ::step]
     known = abs(sample) < UNOBSERVED
     if known.mean() < 0.5:
         return 'blank'
-    if np.issubdtype(frame.dtype, np.integer) and np.mean(some == np.iinfo(frame.dtype).max) > 0.5:
+    if np.issubdtype(frame.dtype, np.integer) and np.mean(raw == np.iinfo(frame.dtype).max) > 0.5:
         return 'saturated'
     if state.planes is None or state.frames < _YOUNG:
         return ''
     usual = np.hypot(_spread(state.planes.level[::step, ::step]),
-                     3.3 * math.sqrt(float(np.median(state.local))))
+                     3.3 * math.sqrt(float(np.median(some(state.local)))))
     least = 3.0 * np.issubdtype(frame.dtype, np.integer)
     return 'flat' if usual > least and _spread(sample[known]) < _FLAT * usual else ''
 
 
 def _spread(values: np.ndarray) -> float:
-    some = values.ravel()[::max(values.size // _FEW, 1)]
-    low, high = np.percentile(some, (5.0, 95.0))
+    low, high = np.percentile(some(values), (5.0, 95.0))
     return float(high - low)
 
 
@@ -157,17 +155,17 @@ def _first_look(
     """Return a sample of the frame, its fit where it was, first noise, and least noise."""
     assert state.planes is not None
     step = frame_change.sample_step(state.shape)
-    some = values[::step, ::step]
-    some = np.where(abs(some) < UNOBSERVED, some, np.float32(np.nan))
-    floor = _ROUNDING * float(np.nanmedian(abs(some))) + 1e-12
+    seen = values[::step, ::step]
+    seen = np.where(abs(seen) < UNOBSERVED, seen, np.float32(np.nan))
+    floor = _ROUNDING * float(np.nanmedian(abs(seen))) + 1e-12
     if integer:
         floor = max(settings.codec_floor if state.codec > CODED else settings.noise_floor, floor)
     count = min(state.frames, _SLOW)
     rows, cols = (
         np.clip((np.arange(size) * step + round(place)) // BLOCK, 0, blocks - 1)
-        for size, place, blocks in zip(some.shape, state.position, state.local.shape))
+        for size, place, blocks in zip(seen.shape, state.position, state.local.shape))
     noise = np.sqrt(np.maximum(state.local[np.ix_(rows, cols)], floor**2))
-    sample = Sample(some, step, noise.astype(np.float32), count)
+    sample = Sample(seen, step, noise.astype(np.float32), count)
     still = fit_level(sample, state.planes, state.position)
     local = state.local
     if state.frames == 1:

@@ -24,6 +24,8 @@ NOISE_LIMIT = 2.5
 OPEN_LIMIT = 8.0
 # Share of a pixel's own variance that counts beside its surroundings, and the frames to trust it.
 OWN, OWN_AGE = 0.7, 10.0
+# Values that a median is taken of, about.
+_SOME = 2_048
 # A pixel's variance counts in that of its surroundings up to so many times that.
 BLOCK_LIMIT = 4.0
 
@@ -192,6 +194,11 @@ def surroundings(total: np.ndarray, count: np.ndarray, before: np.ndarray) -> np
     mean = _three(_three(total).T).T / np.where(known, number, 1.0)
     around: np.ndarray = np.where(known, mean, before).astype(np.float32)
     return around
+
+
+def some(values: np.ndarray) -> np.ndarray:
+    """Return about 2,048 of the values, or all of fewer: enough for a median."""
+    return values.ravel()[::max(values.size // _SOME, 1)]
 
 
 def _three(plane: np.ndarray) -> np.ndarray:
