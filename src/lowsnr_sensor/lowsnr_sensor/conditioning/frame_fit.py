@@ -110,12 +110,10 @@ def fit_frame(
     """Return the best description of a frame by the background of the state."""
     assert state.planes is not None
     sample, still, local, floor = _first_look(settings, state, values, integer)
-    square = frame_change.mean_square(still.residual / sample.deviation(still.position))
-    unusual = square > _UNUSUAL * state.activity + 0.02 or state.frames < _YOUNG
-    best = still
+    unusual, best = _is_unusual(state, sample, still), still
     if settings.registration and (unusual or state.moved < _STILL_AFTER):
         best = _registered(state, values, sample, still)
-    if unusual:
+    if unusual and _is_unusual(state, sample, best):
         best = _scaled(sample, state.planes, best)
     moved = best.position != state.position
     codec = state.codec
@@ -135,6 +133,12 @@ def fit_frame(
     return FrameFit(
         best.position, Change(best.gain, best.offset, wide=wide), floor, local, codec,
         0 if moved else state.moved + 1, cut, rest / spread, spread)
+
+
+def _is_unusual(state: ConditionerState, sample: Sample, fit: Fit) -> bool:
+    """Return whether more is left of a frame than usual, or too little is known of the scene."""
+    square = frame_change.mean_square(fit.residual / sample.deviation(fit.position))
+    return square > _UNUSUAL * state.activity + 0.02 or state.frames < _YOUNG
 
 
 def with_noise(state: ConditionerState, fit: FrameFit, change: Change) -> tuple[Change, float]:
