@@ -216,9 +216,15 @@ def blocks_of(shape: tuple[int, int]) -> tuple[int, int]:
 
 def moved_by(plane: np.ndarray, by: tuple[int, int], fill: float) -> np.ndarray:
     """Return ``plane[i + row, j + col]`` for ``by`` = (row, col); ``fill`` beyond its border."""
-    moved = np.full_like(plane, fill)
-    parts = [(np.s_[max(-step, 0):max(size - max(step, 0), 0)],
-              np.s_[max(step, 0):max(size + min(step, 0), 0)])
-             for step, size in zip(by, plane.shape)]
-    moved[parts[0][0], parts[1][0]] = plane[parts[0][1], parts[1][1]]
+    if by == (0, 0):
+        return plane
+    moved = np.empty_like(plane)
+    (rows, its_rows), (cols, its_cols) = (
+        (slice(max(-step, 0), max(size - max(step, 0), 0)),
+         slice(max(step, 0), max(size + min(step, 0), 0)))
+        for step, size in zip(by, plane.shape))
+    moved[rows, cols] = plane[its_rows, its_cols]
+    for border in (np.s_[:rows.start], np.s_[rows.stop:], np.s_[:, :cols.start],
+                   np.s_[:, cols.stop:]):
+        moved[border] = fill
     return moved
