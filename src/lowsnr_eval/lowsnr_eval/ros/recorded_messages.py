@@ -27,6 +27,8 @@ def score_bag(bag: Bag, chains: RecordedChains, scorer: RunScorer) -> None:
 
     """
     maps: dict[int, FrameMap] = {}
+    is_packed = bag.topics.get(chains.frames_topic) == COMPRESSED
+    array_of = decode_compressed if is_packed else image_to_array
     states = {f'{own}/odometry': topic for own, topic in chains.names.items()}
     cell_size_m = chains.evaluation.sensor.cell_size_m
     shown = {chains.frames_topic, *chains.cells_topics}
@@ -38,9 +40,7 @@ def score_bag(bag: Bag, chains: RecordedChains, scorer: RunScorer) -> None:
         # A malformed message is rejected here as in a live run; its frame lacks it.
         with suppress(Malformed):
             if message.topic == chains.frames_topic:
-                is_packed = bag.topics[message.topic] == COMPRESSED
-                scorer.scene.add_frame(
-                    stamp, decode_compressed(read) if is_packed else image_to_array(read))
+                scorer.scene.add_frame(stamp, array_of(read))
             elif message.topic in shown and message.topic.endswith('camera_info'):
                 maps[stamp] = info_to_map(read)
             elif message.topic in shown:
