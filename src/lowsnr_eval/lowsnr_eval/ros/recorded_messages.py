@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from typing import Any
 
-from lowsnr_bringup.bags.bag_frames import COMPRESSED
 from lowsnr_bringup.bags.reader import Bag
 from lowsnr_common.core.frame_map import FrameMap
 from lowsnr_common.core.records import Malformed
@@ -14,6 +14,7 @@ from lowsnr_common.ros.frame_maps import info_to_map
 from lowsnr_common.ros.images import image_to_array
 from lowsnr_eval.scoring.recorded_chains import RecordedChains
 from lowsnr_eval.scoring.run_scoring import RunScorer
+import numpy as np
 
 
 def score_bag(bag: Bag, chains: RecordedChains, scorer: RunScorer) -> None:
@@ -27,8 +28,6 @@ def score_bag(bag: Bag, chains: RecordedChains, scorer: RunScorer) -> None:
 
     """
     maps: dict[int, FrameMap] = {}
-    is_packed = bag.topics.get(chains.frames_topic) == COMPRESSED
-    array_of = decode_compressed if is_packed else image_to_array
     states = {f'{own}/odometry': topic for own, topic in chains.names.items()}
     cell_size_m = chains.evaluation.sensor.cell_size_m
     shown = {chains.frames_topic, *chains.cells_topics}
@@ -40,7 +39,7 @@ def score_bag(bag: Bag, chains: RecordedChains, scorer: RunScorer) -> None:
         # A malformed message is rejected here as in a live run; its frame lacks it.
         with suppress(Malformed):
             if message.topic == chains.frames_topic:
-                scorer.scene.add_frame(stamp, array_of(read))
+                scorer.scene.add_frame(stamp, _pixels(read))
             elif message.topic in shown and message.topic.endswith('camera_info'):
                 maps[stamp] = info_to_map(read)
             elif message.topic in shown:
@@ -58,3 +57,8 @@ def score_bag(bag: Bag, chains: RecordedChains, scorer: RunScorer) -> None:
                     scorer.add_state(topic, stamp, item)
         scorer.score()
     scorer.score(float('inf'))
+
+
+def _pixels(image: Any) -> np.ndarray:
+    """Return the pixels of an image, compressed or not."""
+    return decode_compressed(image) if hasattr(image, 'format') else image_to_array(image)
