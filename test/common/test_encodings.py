@@ -4,9 +4,9 @@ from types import SimpleNamespace
 
 import cv2
 from lowsnr_common.core.records import Malformed
-from lowsnr_common.images.encodings import check_image
-from lowsnr_common.images.encodings import ENCODINGS
-from lowsnr_common.images.encodings import pixels_of
+from lowsnr_common.images.image_encodings import check_image
+from lowsnr_common.images.image_encodings import ENCODINGS
+from lowsnr_common.images.image_encodings import pixels_of
 import numpy as np
 import pytest
 

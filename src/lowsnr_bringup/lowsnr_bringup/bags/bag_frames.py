@@ -11,9 +11,9 @@ from lowsnr_common.core.records import Malformed
 from lowsnr_common.core.timeline import in_seconds
 from lowsnr_common.core.timeline import increasing
 from lowsnr_common.images.compressed import decode_compressed
-from lowsnr_common.images.encodings import check_image
-from lowsnr_common.images.encodings import is_whole
-from lowsnr_common.images.encodings import pixels_of
+from lowsnr_common.images.image_encodings import check_image
+from lowsnr_common.images.image_encodings import is_whole
+from lowsnr_common.images.image_encodings import pixels_of
 import numpy as np
 from numpy.typing import NDArray
 

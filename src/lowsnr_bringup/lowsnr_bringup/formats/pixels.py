@@ -6,8 +6,8 @@ from pathlib import Path
 
 from lowsnr_bringup.bags.errors import UnusableFile
 from lowsnr_bringup.formats.frames import Pixels
-from lowsnr_common.images.encodings import LARGEST
-from lowsnr_common.images.encodings import luminance
+from lowsnr_common.images.image_encodings import LARGEST
+from lowsnr_common.images.image_encodings import luminance
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,13 +24,13 @@ class Storing:
 
     Parameters
     ----------
-    notes
+    remarks
         Receives what a user should know.
 
     """
 
-    def __init__(self, notes: list[str]) -> None:
-        self._notes = notes
+    def __init__(self, remarks: list[str]) -> None:
+        self._remarks = remarks
         self.begin()
 
     def begin(self) -> None:
@@ -65,13 +65,13 @@ class Storing:
             raise UnusableFile(path, 'not finite', 'no pixel of any frame is a finite number')
         note = (f'{self._blank} pixels of {self._blank_frames} frames are blank and stored as NaN '
                 '(unobserved)')
-        if self._blank and note not in self._notes:
-            self._notes.append(note)
+        if self._blank and note not in self._remarks:
+            self._remarks.append(note)
 
     def _converted(self, pixels: Pixels, source: Path, where: str) -> Frame:
         frame = luminance(pixels)
-        if frame is not pixels and frame.base is None and _GREY not in self._notes:
-            self._notes.append(_GREY)
+        if frame is not pixels and frame.base is None and _GREY not in self._remarks:
+            self._remarks.append(_GREY)
         if frame.ndim != 2 or 0 in frame.shape or frame.dtype.kind not in 'buif':
             raise UnusableFile(
                 source, 'not frames',

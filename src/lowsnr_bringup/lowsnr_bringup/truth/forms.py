@@ -26,7 +26,7 @@ Form = Callable[[Path, str, FrameIndex, Reading, list[str]], list[list[Truth]]]
 
 def read_truth(
     path: Path, frames: FrameIndex, reading: Reading | None = None,
-    notes: list[str] | None = None,
+    remarks: list[str] | None = None,
 ) -> list[list[Truth]]:
     """
     Read truth from a CSV table, a MOT table or COCO annotations.
@@ -39,7 +39,7 @@ def read_truth(
         The frames that it is about.
     reading
         How it is read where its form leaves that open.
-    notes
+    remarks
         Receives what a user should know.
 
     Returns
@@ -68,7 +68,7 @@ def read_truth(
         form = read_coco
     elif is_mot(text):
         form = read_mot
-    return form(path, text, frames, reading or Reading(), [] if notes is None else notes)
+    return form(path, text, frames, reading or Reading(), [] if remarks is None else remarks)
 
 
 def truth_of_array(truth: NDArray[np.floating]) -> list[list[Truth]]:

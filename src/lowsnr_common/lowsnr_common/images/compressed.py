@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import struct
 from typing import Any
-from typing import Protocol
 
 from lowsnr_common.core.records import Malformed
-from lowsnr_common.images.encodings import luminance
+from lowsnr_common.images.image_encodings import luminance
 from lowsnr_common.settings.text import one_line
 import numpy as np
 
@@ -22,16 +21,9 @@ _SIZED = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
 _BARE = {0x01, 0xFF, *range(0xD0, 0xD9)}
 
 
-class CompressedMessage(Protocol):
-    """The fields of ``sensor_msgs/CompressedImage``."""
-
-    format: str
-    data: Any
-
-
-def decode_compressed(message: CompressedMessage) -> np.ndarray:
+def decode_compressed(message: Any) -> np.ndarray:
     """
-    Return the pixels of a compressed image.
+    Return the pixels of a compressed image, a message with the fields ``format`` and ``data``.
 
     Returns
     -------

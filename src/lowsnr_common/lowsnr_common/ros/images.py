@@ -7,9 +7,9 @@ import sys
 
 from lowsnr_common.core.records import Malformed
 from lowsnr_common.images.compressed import decode_compressed
-from lowsnr_common.images.encodings import is_whole
-from lowsnr_common.images.encodings import LARGEST
-from lowsnr_common.images.encodings import pixels_of
+from lowsnr_common.images.image_encodings import is_whole
+from lowsnr_common.images.image_encodings import LARGEST
+from lowsnr_common.images.image_encodings import pixels_of
 import numpy as np
 from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import Image
