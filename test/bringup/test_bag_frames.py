@@ -8,7 +8,9 @@ from lowsnr_bringup.bags.reader import Bag
 from lowsnr_bringup.bags.recorded_run import inspect_bag
 from lowsnr_bringup.bags.replay import played_frames
 from lowsnr_bringup.ros.film_bag import replayable
+from lowsnr_bringup.ros.frame_bag import FrameBag
 from lowsnr_bringup.truth.frame_index import Reading
+from lowsnr_bringup.truth.frame_index import truth_at
 from lowsnr_common.core.timeline import increasing
 import numpy as np
 import pytest
@@ -219,6 +221,18 @@ def test_truth_of_a_table_joins_the_frames_of_a_camera(tmp_path, frames):
     (tmp_path / 'b').mkdir()
     centres, _ = truth_of(path, table, tmp_path / 'b', reading=Reading())
     assert centres == [[(1.0, 2.0)], [], [], [(3.0, 4.0)], [], [], []]
+
+
+@pytest.mark.parametrize(('x', 'delay_ns', 'said'), [
+    (5.0, 0, []), (8.0, 0, ['8 of 8 positions']), (5.0, 1, ['no message has the stamp'])])
+def test_truth_of_a_bag_that_cannot_be_hit_is_said(tmp_path, frames, x, delay_ns, said):
+    with FrameBag(tmp_path / 'bag', frames_topic=TOPIC) as bag:
+        for k, frame in enumerate(frames):
+            bag.add(frame, ZERO + k * STEP, None)
+            bag.add_truth(ZERO + k * STEP + delay_ns, [truth_at(x, 2.0)])
+    notes = inspect_bag(tmp_path / 'bag', TOPIC, TRUTH).notes
+    assert len(notes) == len(said)
+    assert all(part in note for part, note in zip(said, notes))
 
 
 def test_film_is_replayed_from_a_bag_of_its_own(tmp_path, frames):

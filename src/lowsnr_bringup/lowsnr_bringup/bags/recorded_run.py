@@ -107,23 +107,45 @@ def inspect_bag(path: Path, frames_topic: str | None, truth_topic: str) -> Recor
         if truth:
             check_type(bag, truth_topic, (ARRAY,), '--truth-topic')
         frames = read_frames(bag, frames_topic)
-        for message in bag.messages({truth_topic, f'{truth_topic}/odometry'} if truth else ()):
-            bag.read(message)
         evaluator = parameters.get('/evaluator', {})
+        raw = not evaluator or '/conditioner' in parameters
+        told = _read_truth(bag, truth_topic, frames, raw) if truth else []
         steps_s = np.diff(frames.stamps_ns[frames.kept]) / 1e9
         out = np.setdiff1d(np.arange(len(frames.stamps_ns)), frames.kept)
         return RecordedRun(
             name=one_line(evaluator.get('scenario') or path.resolve().stem),
             frames=len(frames.kept), rows=frames.shape[0], cols=frames.shape[1],
             period_s=float(np.median(steps_s)) if steps_s.size else 1.0,
-            truth=truth, encoding=frames.encoding,
-            raw=not evaluator or '/conditioner' in parameters,
+            truth=truth, encoding=frames.encoding, raw=raw,
             simulated='/sensor' in parameters or bool(
                 parameters.get('/player', {}).get('simulated')),
             seed=evaluator.get('seed'),
-            notes=(*bag.notes, *filter(None, [frames.note(frames_topic)])),
+            notes=(*bag.notes, *filter(None, [frames.note(frames_topic), *told])),
             frames_topic=frames_topic, left_out=tuple(map(int, out)), blank=frames.blank,
             sensor={k: v for k, v in evaluator.items() if k.startswith('sensor.')})
+
+
+def _read_truth(bag: Bag, topic: str, frames: BagFrames, raw: bool) -> list[str]:
+    """Read all truth; return what is wrong with that of a camera, whose truth is in pixels."""
+    stamps_ns, outside, count = set(), 0, 0
+    rows, cols = frames.shape
+    for message in bag.messages({topic, f'{topic}/odometry'}):
+        read = bag.read(message)
+        if message.topic != topic:
+            continue
+        stamps_ns.add(read.header.stamp.sec * 1_000_000_000 + read.header.stamp.nanosec)
+        for item in read.detections:
+            place = item.bbox.center.position
+            inside = -0.5 <= place.x < cols - 0.5 and -0.5 <= place.y < rows - 0.5
+            count, outside = count + 1, outside + (not inside)
+    found = []
+    if raw and outside:
+        found.append(f'{topic}: {outside} of {count} positions are outside the picture of {cols} '
+                     f'x {rows} pixels, and count as missed')
+    if raw and stamps_ns and not stamps_ns & {*frames.stamps_ns.tolist()}:
+        found.append(f'{topic}: no message has the stamp of a frame, so that nothing can be hit; '
+                     '--truth FILE joins truth by the nearest time')
+    return found
 
 
 def frames_of(path: Path, frames_topic: str | None) -> BagFrames:
