@@ -1,7 +1,5 @@
 """The frames of bags of other programs: encodings, compressed images, stamps, ROS 1."""
 
-import itertools
-
 import cv2
 from lowsnr_bringup.bags.errors import UnusableFile
 from lowsnr_bringup.bags.reader import Bag
@@ -11,7 +9,6 @@ from lowsnr_bringup.ros.film_bag import replayable
 from lowsnr_bringup.ros.frame_bag import FrameBag
 from lowsnr_bringup.truth.frame_index import Reading
 from lowsnr_bringup.truth.frame_index import truth_at
-from lowsnr_common.core.timeline import increasing
 import numpy as np
 import pytest
 from rosbags.rosbag1 import Writer as Writer1
@@ -66,20 +63,6 @@ def refused(path, reason):
     assert str(caught.value).startswith(f'{path}: {TOPIC}: ')
 
 
-@pytest.mark.parametrize('length', range(7))
-def test_most_stamps_that_increase_are_found_as_by_trying_all(length):
-    for stamps in itertools.islice(itertools.product(range(4), repeat=length), 0, None, 3):
-        best = max(
-            (len(each) for size in range(length + 1)
-             for each in itertools.combinations(range(length), size)
-             if all(stamps[a] < stamps[b] for a, b in itertools.pairwise(each))), default=0)
-        found = increasing(stamps)
-        assert len(found) == best
-        kept = [stamps[k] for k in found]
-        assert found == sorted(found)
-        assert kept == sorted(set(kept))
-
-
 @pytest.mark.parametrize(('stamps', 'left_out'), [
     ([1, 2, 3, 4, 5, 6, 7, 8], ()), ([1, 2, 3, 3, 5, 6, 7, 8], (3,)),  # repeated
     ([0, 2002, 2003, 2004, 2005, 2006, 2007, 2008], (0,)), ([0, 1, 2, 3, 4, 5, 6, 7], ()),
@@ -109,6 +92,16 @@ def test_encoding_that_nodes_do_not_take_is_refused_before_the_start(tmp_path, f
     floats = np.zeros((*SHAPE, 3), 'f4')
     refused(write(tmp_path / 'bag', lambda types: (
         image(types, ZERO + k, floats, '32FC3') for k in range(3))), 'wrong encoding')
+
+
+@pytest.mark.parametrize(('kind', 'encoding'), [('i4', '32SC1'), ('f8', '64FC1')])
+def test_noise_that_nodes_do_not_resolve_is_refused(tmp_path, frames, kind, encoding):
+    for level, name in ((0, 'good'), (2**30, 'fine')):
+        write(tmp_path / name, lambda types, level=level: (
+            image(types, ZERO + k, frame.astype(kind) // 50 + level, encoding)
+            for k, frame in enumerate(frames)))
+    assert inspect_bag(tmp_path / 'good', TOPIC, TRUTH).encoding == encoding
+    refused(tmp_path / 'fine', 'too fine')
 
 
 def test_first_blank_pixel_of_frames_without_a_conditioner_is_found(tmp_path, frames):

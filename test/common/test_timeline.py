@@ -1,10 +1,15 @@
 """The order of stamps: new, late, and a clock that was set back."""
 
+import itertools
+
+from lowsnr_common.core.timeline import in_seconds
+from lowsnr_common.core.timeline import increasing
 from lowsnr_common.core.timeline import SET_BACK_AFTER
 from lowsnr_common.core.timeline import SET_BACK_AFTER_S
 from lowsnr_common.core.timeline import StampOrder
 from lowsnr_common.core.timeline import Timeline
 import numpy as np
+import pytest
 
 NEW, LATE, SET_BACK = StampOrder.NEW, StampOrder.LATE, StampOrder.SET_BACK
 SECOND = 1_000_000_000
@@ -66,3 +71,24 @@ def test_stream_continues_within_ten_messages_of_any_garbage():
         orders(*garbage, timeline=timeline)
         found = orders(*range(1, 31), timeline=timeline)
         assert LATE not in found[SET_BACK_AFTER - 1:]
+
+
+@pytest.mark.parametrize('length', range(7))
+def test_most_stamps_that_increase_are_found_as_by_trying_all(length):
+    for stamps in itertools.islice(itertools.product(range(4), repeat=length), 0, None, 3):
+        best = max(
+            (len(each) for size in range(length + 1)
+             for each in itertools.combinations(range(length), size)
+             if all(stamps[a] < stamps[b] for a, b in itertools.pairwise(each))), default=0)
+        found = increasing(stamps)
+        assert len(found) == best
+        kept = [stamps[k] for k in found]
+        assert found == sorted(found)
+        assert kept == sorted(set(kept))
+
+
+@pytest.mark.parametrize(('stamp', 'text'), [
+    (0, '0.000000000'), (1_700_000_000_123_456_789, '1700000000.123456789'),
+    (-1, '-0.000000001'), (-1_500_000_000, '-1.500000000')])
+def test_stamps_are_written_in_full(stamp, text):
+    assert in_seconds(stamp) == text

@@ -7,17 +7,20 @@ from typing import Any
 
 from lowsnr_bringup.bags.errors import UnusableFile
 from lowsnr_bringup.bags.reader import Bag
+from lowsnr_bringup.formats.pixels import check_steps
 from lowsnr_common.core.records import Malformed
 from lowsnr_common.core.timeline import in_seconds
 from lowsnr_common.core.timeline import increasing
 from lowsnr_common.images.compressed import decode_compressed
 from lowsnr_common.images.image_encodings import check_image
 from lowsnr_common.images.image_encodings import is_whole
+from lowsnr_common.images.image_encodings import numbers_of
 from lowsnr_common.images.image_encodings import pixels_of
 import numpy as np
 from numpy.typing import NDArray
 
 IMAGE, COMPRESSED = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage'
+_FINE = ('32SC1', '64FC1')  # finer than the 32-bit floating point of the nodes
 _MOST_STEPS = 100  # periods from a first stamp 0 to the next: beyond, no clock was set
 
 
@@ -89,6 +92,8 @@ def read_frames(bag: Bag, topic: str) -> BagFrames:
             found, encoding = _checked(image)
         except Malformed as error:
             raise UnusableFile(bag.path, error.reason, f'{where}: {error}') from None
+        if not stamps_ns and encoding in _FINE:
+            check_steps(numbers_of(image), pixels_of(image), bag.path, f'{where}: ')
         shape = shape if stamps_ns else found
         if found != shape:
             raise UnusableFile(

@@ -99,7 +99,7 @@ class Storing:
             if max(abs(float(seen.min())), abs(float(seen.max()))) > LARGEST:
                 raise _too_large(source, where)
         if self._number == 1 and frame.dtype.itemsize > 2 and frame.dtype != np.float32:
-            _check_steps(frame, floats, source, where)
+            check_steps(frame, floats, source, where)
         return floats
 
 
@@ -108,7 +108,7 @@ def _too_large(source: Path, where: str) -> UnusableFile:
         source, 'too large', f'{where}has numbers beyond 1e9; divide the frames by a constant')
 
 
-def _check_steps(
+def check_steps(
     frame: Pixels, floats: NDArray[np.float32], source: Path, where: str,
 ) -> None:
     """Raise UnusableFile if 32-bit floating point does not resolve the noise of a frame."""

@@ -56,7 +56,7 @@ def pixels_of(image: EncodedImage) -> np.ndarray:
         If encoding, step or size do not fit; says which.
 
     """
-    raw, name = _raw(image), image.encoding
+    raw, name = numbers_of(image), image.encoding
     if name in _COLOURS:
         return luminance(raw[..., [2, 1, 0]] if _COLOURS[name][2] else raw)
     if name in _YUV:
@@ -74,7 +74,7 @@ def pixels_of(image: EncodedImage) -> np.ndarray:
 
 def check_image(image: EncodedImage) -> None:
     """Raise Malformed as :func:`pixels_of` does."""
-    _raw(image)
+    numbers_of(image)
 
 
 def is_whole(frame: np.ndarray) -> bool:
@@ -82,8 +82,8 @@ def is_whole(frame: np.ndarray) -> bool:
     return frame.dtype.kind != 'f' or bool(frame.min() >= -LARGEST and frame.max() <= LARGEST)
 
 
-def _raw(image: EncodedImage) -> np.ndarray:
-    """Return the data as (rows, cols) or (rows, cols, channels), checked."""
+def numbers_of(image: EncodedImage) -> np.ndarray:
+    """Return the data as (rows, cols) or (rows, cols, channels), as they are encoded, checked."""
     kind, channels = _layout(image.encoding)
     rows, cols, step = image.height, image.width, image.step
     kind = kind.newbyteorder('>' if image.is_bigendian else '<')
