@@ -9,6 +9,8 @@ from _arguments import number
 if TYPE_CHECKING:
     from lowsnr_bringup.truth.frame_index import Reading
 
+# Options that have a meaning for files of frames alone.
+_OF_FILMS = {'select': '--select', 'pattern': '--pattern', 'period_s': '--period'}
 _COLUMNS = ('frame', 't_s', 'x', 'y', 'id')
 
 
@@ -20,7 +22,7 @@ def add_film(parser: argparse.ArgumentParser) -> None:
         'of the extensions of FITS files (default: all images of one shape, without masks and '
         'errors)')
     parser.add_argument(
-        '--pattern', default='*', metavar='GLOB',
+        '--pattern', metavar='GLOB',
         help="names of the files of a folder that are read, such as '*.png' (default: all)")
     parser.add_argument(
         '--period', type=number(0.0, above=True), metavar='S', dest='period_s',
@@ -65,13 +67,17 @@ def reading(options: argparse.Namespace) -> 'Reading':
 def films(options: argparse.Namespace, folder: Path) -> list[str]:
     """Make a bag of what is replayed, where it is none; return what the user should know."""
     options.truth_bag = None
+    given = [option for name, option in _OF_FILMS.items() if getattr(options, name)]
     if options.replay is None:
-        if options.truth is not None:
-            raise ValueError('--truth: only with --replay')
+        if given or options.truth:
+            raise ValueError(f'{[*given, "--truth"][0]}: only with --replay')
         return []
+    from lowsnr_bringup.ros.film_bag import is_film_only
     from lowsnr_bringup.ros.film_bag import replayable
+    if given and not is_film_only(options.replay):
+        raise ValueError(f'{given[0]}: only with files of frames, and {options.replay} is none')
     found = replayable(
-        options.replay, folder, select=options.select, pattern=options.pattern,
+        options.replay, folder, select=options.select, pattern=options.pattern or '*',
         period_s=options.period_s, truth_file=options.truth, reading=reading(options),
         frames_topic=options.frames_topic)
     options.replay, options.truth_bag = found.bag, found.truth_bag

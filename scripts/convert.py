@@ -55,7 +55,7 @@ def main() -> int:
     try:
         if os.path.lexists(options.out):
             raise ValueError(f'--out {options.out}: exists')
-        film = open_frames(options.frames, options.select, options.pattern)
+        film = open_frames(options.frames, options.select, options.pattern or '*')
         begun = True
         count = write_film(
             film, options.out, options.storage, period_s=options.period_s,

@@ -51,6 +51,12 @@ def test_planes_of_a_cube_are_frames(tmp_path, frames, shape, packed):
     np.testing.assert_array_equal(found, frames)
 
 
+def test_three_planes_that_may_be_colours_are_said(tmp_path, frames):
+    fits.writeto(tmp_path / 'a.fits', frames[:3])
+    reader, found, _ = read(tmp_path)
+    assert (len(found), len(reader.notes)) == (3, 1)
+
+
 def test_third_axis_of_length_one_is_no_cube(tmp_path, frames):
     for k, frame in enumerate(frames):
         fits.writeto(tmp_path / f'{k}.fits', frame[None])

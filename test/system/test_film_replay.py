@@ -72,6 +72,15 @@ def test_bag_of_a_compressed_camera_loses_a_frame_without_stamp_and_is_scored(tm
     assert summary['detectors']['sdt']['tracking']['pd'] > 0.3  # thresholds adapt at first
 
 
+@pytest.mark.parametrize(('arguments', 'culprit'), [
+    (('--period', '2'), '--period'), (('--truth', 'truth.csv'), '--truth'),
+    (('--replay', 'night.mcap', '--select', 'SCI'), '--select')])
+def test_option_that_would_do_nothing_is_refused(arguments, culprit):
+    done = run_bringup(*arguments)
+    assert (done.returncode, done.stdout, len(done.stderr.splitlines())) == (2, '', 1)
+    assert culprit in done.stderr
+
+
 @pytest.mark.parametrize(('shape', 'more', 'culprit'), [
     ((3, 1, 200), (), 'film'), ((3, 9, 9), ('--truth', 'none.csv'), 'none.csv'),
     ((3, 9, 9), ('--select', 'cube'), 'cube'), ((3,), (), 'film.npz')])

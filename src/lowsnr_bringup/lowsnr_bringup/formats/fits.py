@@ -40,6 +40,7 @@ _BESIDE = ('MASK', 'DQ', 'BPM', 'BADPIX', 'ERR', 'UNCERT', 'STD', 'SIGMA', 'RMS'
            'IVAR', 'WHT', 'WEIGHT', 'FLAG', 'QUAL', 'CTX', 'CONTEXT', 'EXPMAP', 'SKY', 'BKG',
            'BACKGROUND', 'PSF', 'AREA', 'MODEL', 'THUMB', 'PREVIEW')
 _SCIENCE = ('SCI', 'SCIENCE')
+_COLOURS = 3
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,8 @@ def open_fits(path: Path, select: str | None = None) -> FrameSource:
         source.notes.append(
             f'{path}: its header has the time of the first frame only; --period states the time '
             'between frames')
+    if any(unit.planes == _COLOURS and unit.plane_s is None for unit in units):
+        source.notes.append(f'{path}: its 3 planes are taken as 3 frames, not as 3 colours')
     return source
 
 

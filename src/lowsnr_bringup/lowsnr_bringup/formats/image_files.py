@@ -43,7 +43,7 @@ _OF_FOLDERS: dict[str, tuple[tuple[str, ...], Open]] = {
 _OTHERS: dict[str, tuple[tuple[str, ...], Open]] = {
     'NumPy archive': (('.npz',), open_npz), 'SER': (SER, open_ser)}
 _VIDEOS = ('.mkv', '.avi', '.mp4', '.mov', '.m4v', '.mpg', '.mpeg', '.wmv', '.ts', '.webm',
-           '.y4m', '.mj2')
+           '.y4m', '.mj2', '.gif', '.3gp', '.mts', '.m2ts', '.flv', '.ogv', '.mxf', '.asf')
 _FILMS = (*_VIDEOS, *(suffix for suffixes, _ in _OTHERS.values() for suffix in suffixes))
 IMAGE_SUFFIXES = tuple(suffix for suffixes, _ in _OF_FOLDERS.values() for suffix in suffixes)
 

@@ -80,6 +80,11 @@ def check_room(out: Path, film: FrameReader) -> None:
             f'{out}: the bag takes {size} bytes, and the disk of {folder} has {free} free')
 
 
+def is_film_only(path: Path) -> bool:
+    """Whether something is a file or folder with frames, and no bag."""
+    return is_film(path) and not is_bag(path)
+
+
 @dataclass
 class Replayable:
     """A bag to replay, made from files where it has to be, and a bag of truth for it."""
@@ -103,7 +108,7 @@ def replayable(
         One line that names the file and why it cannot be used.
 
     """
-    if is_film(path) and not is_bag(path):
+    if is_film_only(path):
         film = open_frames(path, select, pattern)
         bag = folder / (path.resolve().name.partition('.')[0] or 'film')
         write_film(film, bag, period_s=period_s, truth_file=truth_file, reading=reading)
