@@ -24,7 +24,8 @@ from dataclasses import field
 import math
 
 from lowsnr_detect.adaptive.local_maxima import local_maxima
-from lowsnr_detect.adaptive.region_maps import interpolation
+from lowsnr_detect.adaptive.region_maps import at_cells
+from lowsnr_detect.adaptive.region_maps import log_odds
 from lowsnr_detect.adaptive.region_maps import pooled
 from lowsnr_detect.adaptive.tail_fit import BINS
 from lowsnr_detect.adaptive.tail_fit import bins_of
@@ -103,7 +104,7 @@ class AdaptiveThreshold:
         fit = fitted(
             memory.maxima, memory.weight, self.white, math.prod(self.shape), self.prob,
             self.correlated)
-        return Thresholds(*(self._interpolated(each) for each in (
+        return Thresholds(*(each.astype(np.float32) for each in (
             fit.level + fit.scale * fit.excess, fit.scale / fit.slope, fit.level, fit.scale)))
 
     def step(
@@ -134,11 +135,12 @@ class AdaptiveThreshold:
         if not any(value.size for _, _, value in found):
             return memory, np.full_like(planes, -np.inf)
         limits = self._adjusted(limits, found)
-        odds = planes - limits.threshold
-        odds /= limits.scale
         answers = memory.frames >= LEARNING_FRAMES
         memory = self._learned(memory, found, limits, answers)
-        return memory, odds if answers else np.full_like(planes, -np.inf)
+        if not answers:
+            return memory, np.full_like(planes, -np.inf)
+        return memory, np.stack([log_odds(*each) for each in zip(
+            planes, limits.threshold, limits.scale, strict=True)])
 
     def _adjusted(self, limits: Thresholds, found: list[Maxima]) -> Thresholds:
         """Return the thresholds for a frame whose maxima as a whole are higher than before."""
@@ -146,24 +148,20 @@ class AdaptiveThreshold:
         for n, maxima in enumerate(found):
             above, calm = self._crossings(limits, n, maxima)
             row, col, value = (each[~(above & calm)] for each in maxima)
-            excess = (value - limits.level[n, row, col]) / limits.tail[n, row, col]
+            level, scale = (
+                at_cells(each[n], row, col, self.shape) for each in (limits.level, limits.tail))
+            excess = (value - level) / scale
             np.add.at(counts[n], (*self._region(row, col), bins_of(
                 white.level + white.scale * excess, white)), 1.0)
         level, scale, _ = levels(counts, white, 1)
         level, scale = np.maximum(level, white.level), np.maximum(scale, white.scale)
         if np.all(level == white.level) and np.all(scale == white.scale):
             return limits
-        by = limits.tail * self._interpolated((level - white.level) / white.scale)
-        scale = self._interpolated(scale / white.scale)
-        return Thresholds(
+        by = limits.tail * (level - white.level) / white.scale
+        scale = scale / white.scale
+        return Thresholds(*(each.astype(np.float32) for each in (
             limits.level + by + scale * (limits.threshold - limits.level), limits.scale * scale,
-            limits.level + by, limits.tail * scale)
-
-    def _interpolated(self, regions: np.ndarray) -> np.ndarray:
-        """Return values of cells (P, rows, cols) from those of regions (P, R, C)."""
-        down, across = (interpolation(*sizes) for sizes in zip(self.shape, self.grid, strict=True))
-        # One product of matrices a plane: NumPy multiplies stacks of them without BLAS.
-        return np.stack([down @ each @ across.T for each in regions.astype(np.float32)])
+            limits.level + by, limits.tail * scale)))
 
     def _learned(
         self, memory: TailMemory, found: list[Maxima], limits: Thresholds, answers: bool,
@@ -200,8 +198,10 @@ class AdaptiveThreshold:
         """Return which maxima are above the threshold, and where the others are as before."""
         row, col, value = maxima
         region, counts = self._region(row, col), np.zeros((3, *self.grid))
-        above = value > limits.threshold[n, row, col]
-        np.add.at(counts[0], region, value < limits.level[n, row, col])
+        threshold, level = (
+            at_cells(each[n], row, col, self.shape) for each in (limits.threshold, limits.level))
+        above = value > threshold
+        np.add.at(counts[0], region, value < level)
         np.add.at(counts[1], region, ~above)
         np.add.at(counts[2], region, above)
         low, every, high = pooled(counts[..., None])[..., 0]

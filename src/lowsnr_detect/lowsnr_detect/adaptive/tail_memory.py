@@ -58,9 +58,10 @@ class TailMemory:
 @dataclass(frozen=True)
 class Thresholds:
     """
-    Thresholds of P planes in one frame, each (P, rows, cols) of float32 [nat].
+    Thresholds of P planes in one frame, by region, each (P, R, C) of float32 [nat].
 
-    ``threshold``, the ``scale`` in which the log odds rise by 1, and the ``level`` of the tail.
+    ``threshold``, the ``scale`` in which the log odds rise by 1, and ``level`` and scale of the
+    ``tail``.
     """
 
     threshold: np.ndarray
