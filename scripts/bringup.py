@@ -9,11 +9,13 @@ from pathlib import Path
 import shlex
 import shutil
 import sys
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from _arguments import INTERRUPTED
 from _arguments import USAGE
 import _environment
+from _film_arguments import films
 from _run_arguments import parse_arguments
 
 if TYPE_CHECKING:
@@ -49,6 +51,7 @@ def plan_and_run(
     from lowsnr_bringup.run.results_folder import fresh_folder
     with ExitStack() as stack:
         try:
+            made = films(options, Path(stack.enter_context(TemporaryDirectory())))
             plan = plan_of(options)
             claim = stack.enter_context(claim_domain())
             if options.secure is not None:
@@ -58,7 +61,7 @@ def plan_and_run(
         except (OSError, ValueError) as error:
             say(str(error))
             return USAGE
-        for note in plan.notes:
+        for note in (*made, *plan.notes):
             say(note)
         calibrate(plan)
         return run(plan, folder, stop, server, claim.fileno())
