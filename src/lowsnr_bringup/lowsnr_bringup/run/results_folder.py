@@ -12,6 +12,8 @@ from lowsnr_bringup.run.frame_ledger import FrameLedger
 
 FRAMES_FILE = 'frames.csv'
 LATENCY_FILE = 'latency.csv'
+DETECTIONS_FILE = 'detections.csv'
+TRACKS_FILE = 'tracks.csv'
 SUMMARY_FILE = 'summary.json'
 PARAMETERS_FILE = 'parameters.yaml'
 RESTARTS_FILE = 'restarts.csv'
