@@ -94,7 +94,9 @@ def score(bag: 'Bag', options: argparse.Namespace) -> tuple[Path, dict[str, Any]
     run = replace(chains.run, results=str(folder))
     if CUSTOM_PARAMETERS in bag.custom:
         (folder / PARAMETERS_FILE).write_text(bag.custom[CUSTOM_PARAMETERS], encoding='utf-8')
-    scorer = RunScorer(run, chains.evaluation, lambda sentence, _: bag.notes.append(sentence))
+    scorer = RunScorer(
+        run, chains.evaluation, lambda sentence, _: bag.notes.append(sentence),
+        conditioned=bool(chains.cells_topics))
     with closing(scorer):
         score_bag(bag, chains, scorer)
     summary = summarize(

@@ -5,6 +5,7 @@ import re
 
 from lowsnr_common.core.records import Malformed
 from lowsnr_common.ros.images import image_to_array
+from lowsnr_common.ros.images import image_to_whole_array
 import numpy as np
 import pytest
 from sensor_msgs.msg import Image
@@ -51,9 +52,11 @@ def test_malformed_image_is_rejected_with_its_values(grid_shape, field, value, r
 def test_value_that_is_not_finite_is_rejected_with_its_place(grid_shape):
     frame = np.zeros(grid_shape)
     frame[3, 1] = np.nan
+    message = image(frame, '32FC1', '<')
     with pytest.raises(Malformed, match='row 3, column 1') as caught:
-        image_to_array(image(frame, '32FC1', '<'))
+        image_to_whole_array(message)
     assert caught.value.reason == 'cell not a finite number'
+    np.testing.assert_array_equal(image_to_array(message), frame)
 
 
 @pytest.mark.parametrize(('value', 'fits'), [
@@ -64,11 +67,15 @@ def test_value_that_overflows_when_squared_is_rejected(grid_shape, value, fits, 
     frame[3, 1] = value
     message = image(frame, '32FC1', order)
     if fits:
-        assert image_to_array(message)[3, 1] == value
+        assert image_to_array(message)[3, 1] == image_to_whole_array(message)[3, 1] == value
         return
     with pytest.raises(Malformed, match='row 3, column 1') as caught:
-        image_to_array(message)
+        image_to_whole_array(message)
     assert caught.value.reason == 'cell beyond 1e9'
+    frame[3, 1] = np.nan
+    read = image_to_array(message)
+    np.testing.assert_array_equal(read, frame)
+    assert read.dtype == np.float32
 
 
 def test_header_of_a_huge_frame_without_data_costs_nothing():

@@ -46,7 +46,7 @@ def test_map_of_an_output_leads_to_its_object(rng, binning):
     settings = ConditioningSettings(binning=binning)
     frames = 100.0 + rng.standard_normal((30, 40, 61))
     row, col = np.mgrid[:40, :61]
-    frames[-1] += 60.0 * np.exp(-((row - 20.3)**2 + (col - 33.8)**2) / 2.0)
+    frames[-2:] += 60.0 * np.exp(-((row - 20.3)**2 + (col - 33.8)**2) / 2.0)
     output = conditioned(frames, settings)[-1]
     where = settings.frame_map(output, 'camera', (40, 61))
     assert (where.size, where.frame_id) == ((61, 40), 'camera')
@@ -111,11 +111,39 @@ def test_frame_of_another_size_is_rejected(rng):
     assert caught.value.reason == 'too small'
 
 
-def test_cosmic_ray_is_limited_and_a_bright_object_is_not():
+@pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf])
+def test_frames_without_a_value_leave_no_trace(rng, value):
+    frames = 50.0 + 3.0 * rng.standard_normal((30, 40, 48))
+    state = DEFAULT.init((40, 48))
+    for frame in frames[:20]:
+        state, _ = DEFAULT.step(state, frame)
+    after, output = DEFAULT.step(state, np.full((40, 48), value))
+    assert output.event == 'blank'
+    for frame in frames[20:]:
+        state, wanted = DEFAULT.step(state, frame)
+        after, found = DEFAULT.step(after, frame)
+        np.testing.assert_array_equal(found.cells, wanted.cells)
+
+
+@pytest.mark.parametrize('kind', [np.float64, np.uint16])
+@pytest.mark.parametrize('value', [0.0, 65535.0])
+@pytest.mark.parametrize('count', [1, 3])
+def test_black_or_bright_first_frames_blind_for_ten_frames_at_most(kind, value, count):
+    frames, truth = camera_scene(amplitude=4.0)
+    steady = at_object(conditioned(frames), truth)
+    frames[:count] = value
+    seen = at_object(conditioned(np.rint(frames).astype(kind)), truth)
+    assert np.median(seen[count + 10:]) > 0.85 * np.median(steady[count + 10:])
+
+
+def test_cosmic_rays_are_limited_and_a_bright_object_is_not():
     frames, truth = camera_scene(amplitude=20.0)
     frames[40, 11, 11] += 1000.0
+    frames[40, 51:54, 20:26] += 600.0
     outputs = conditioned(frames)
-    assert outputs[40].cells[4:7, 4:7].max() < 4.5
+    for rows, cols in ((slice(4, 7), slice(4, 7)), (slice(24, 28), slice(9, 14))):
+        assert 3.0 < outputs[40].cells[rows, cols].max() < 6.0
+        assert abs(outputs[41].cells[rows, cols]).max() < 3.5
     seen = at_object(outputs, truth)[10:]
     # A filter of .8 pixel sums to 2.8: pixels limited at 3.5 could not exceed 10.
     assert np.median(seen) > 11.0

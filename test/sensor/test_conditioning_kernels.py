@@ -67,6 +67,15 @@ def test_sums_over_stripes_and_blocks_are_their_definitions(rng, shape):
 
 
 @pytest.mark.parametrize('shape', SHAPES)
+@pytest.mark.parametrize('reach', [2, 4])
+def test_limit_of_transients_is_its_definition(rng, shape, reach):
+    values, before = (single(scale * rng.standard_normal(shape)) for scale in (9.0, 1.0))
+    found = compiled_steps.transients_limited(values, before, reach)
+    np.testing.assert_array_equal(found, cells.transients_limited(values, before, reach))
+    assert found.size < 100 or (found != values).any()
+
+
+@pytest.mark.parametrize('shape', SHAPES)
 @pytest.mark.parametrize('binning', [1, 2])
 @pytest.mark.parametrize('shift', [(0.0, 0.0), (-3.4, 7.8)])
 def test_matched_filter_is_its_definition(rng, shape, binning, shift):
@@ -74,7 +83,7 @@ def test_matched_filter_is_its_definition(rng, shape, binning, shift):
     rows, cols = (cells.taps(size, size // binning, binning, 0.8, by)
                   for size, by in zip(shape, shift))
     found = compiled_steps.filtered(values, rows, cols)
-    wanted = cells.filtered(cells.single_limited(values), rows, cols)
+    wanted = cells.filtered(values, rows, cols)
     np.testing.assert_allclose(found, wanted, **CLOSE)
 
 

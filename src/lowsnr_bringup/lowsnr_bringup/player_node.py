@@ -121,12 +121,12 @@ class PlayerNode(ManagedNode):
         seconds, nanoseconds = divmod(frame.stamp_ns, 1_000_000_000)
         data_time = Clock(clock=Time(sec=seconds, nanosec=nanoseconds))
         self._data_time.publish(data_time)
-        self.bringup.tell(DATA_TIME, data_time)
         if frame.truth is not None:
             for data in frame.odometry or self._odometry_of(frame.truth.data):
                 self._odometry.publish(data)
             self._array.publish(frame.truth.data)
         self._image.publish(frame.image)
+        self.bringup.tell(DATA_TIME, data_time)  # last: what is told is not played again
 
     def _odometry_of(self, data: bytes) -> list[Odometry]:
         """Return odometry, without velocity, for truth that was recorded without odometry."""

@@ -16,6 +16,7 @@ from lowsnr_common.settings.text import one_line
 import numpy as np
 
 IMAGE, ARRAY = 'sensor_msgs/msg/Image', 'vision_msgs/msg/Detection2DArray'
+CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
 _FRAMES = '/image_raw'
 
 

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import field
 import os
 from pathlib import Path
-from typing import Any
 from typing import TYPE_CHECKING
 
 from lowsnr_bringup.plan import graph
 from lowsnr_bringup.plan.graph import Layer
 from lowsnr_bringup.plan.graph import Values
 from lowsnr_bringup.plan.run_options import RunOptions
-from lowsnr_common.settings.declare import declared_settings
+from lowsnr_common.settings.frame_period import at_frame_period
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.text import did_you_mean
 from lowsnr_detect.parts.cell_detector import CellDetector
@@ -28,15 +26,11 @@ if TYPE_CHECKING:
 
 Given = Callable[[str], Values]  # the parameters that the user gives to a node
 Look = Callable[[str], 'RecordedRun']  # what the camera on a topic shows
-# The power of the second in the unit of every setting of motion that has one.
-TIME_POWERS = {
-    'turn_rates_deg_s': -1, 'min_speed_mps': -1, 'max_speed_mps': -1,
-    'acceleration_density': -3, 'mode_sojourn_s': 1, 'lifetime_s': 1, 'max_gap_s': 1}
 _FRAMES = ('/image_raw', '/clock')
 _TRUTH = ('/ground_truth', '/ground_truth/odometry')
 _DETECTABLE = '32FC1'
 # The operating point whose threshold is simulated: for real frames it is adaptive instead.
-_MATCHED = 'matched'
+MATCHED = 'matched'
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,7 +150,7 @@ def _adaptive(detectors: Sequence[str], given: Given) -> dict[str, Values]:
     """Return the operating point of detectors that would be matched to simulated frames."""
     matched = [
         name for name in map(graph.node_of, detectors)
-        if given(name).get('operating_point', _MATCHED) == _MATCHED]
+        if given(name).get('operating_point', MATCHED) == MATCHED]
     return {
         name: {'operating_point': 'adaptive'} for name in matched
         if issubclass(graph.settings_classes(name)[-1], CellDetector)}
@@ -173,36 +167,3 @@ def _is_conditioned(found: RecordedRun, options: RunOptions) -> bool:
             f'{options.replay or options.camera}: its frames are {found.encoding}, and detectors '
             f'take {_DETECTABLE}: leave out --condition off')
     return conditioned
-
-
-def at_frame_period(cls: type, values: Mapping[str, Any], period_s: float) -> Values:
-    """
-    Return the settings of motion for frames of another period.
-
-    The configuration states how objects move for frames one second apart.  Recorded objects
-    move about as much from frame to frame whatever the period is, so that what a setting states
-    for a second is taken for a frame.
-
-    Parameters
-    ----------
-    cls
-        Settings class.
-    values
-        Values by full name for frames one second apart; a missing one has its default.
-    period_s
-        Time from a frame to the next [s].
-
-    Returns
-    -------
-    dict
-        The settings that depend on the period, by full name.
-
-    """
-    scaled: Values = {}
-    for name, item in declared_settings(cls).items():
-        power = TIME_POWERS.get(name.rpartition('.')[2])
-        if power is not None:
-            value, factor = values.get(name, item.default), period_s**power
-            several = isinstance(value, (list, tuple))
-            scaled[name] = tuple(v * factor for v in value) if several else value * factor
-    return scaled

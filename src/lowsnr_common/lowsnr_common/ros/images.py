@@ -13,12 +13,26 @@ _KINDS = {'mono8': 'u1', '8UC1': 'u1', 'mono16': 'u2', '16UC1': 'u2', '32FC1': '
 
 def image_to_array(image: Image) -> np.ndarray:
     """
-    Return an image as it is.
+    Return an image as it is, NaN where a value is not finite or beyond 1e9.
 
     Returns
     -------
     (rows, cols) ndarray of uint8, uint16 or float32
-        Pixels; a view of the message's data.
+        Pixels; a view of the message's data unless some have no value.
+
+    Raises
+    ------
+    Malformed
+        If encoding, step or size do not fit; says which.
+
+    """
+    frame = _view(image)
+    return frame if _is_whole(frame) else np.where(abs(frame) <= LARGEST, frame, np.float32('nan'))
+
+
+def image_to_whole_array(image: Image) -> np.ndarray:
+    """
+    Return what :func:`image_to_array` does of an image in which every pixel has a value.
 
     Raises
     ------
@@ -26,6 +40,21 @@ def image_to_array(image: Image) -> np.ndarray:
         If encoding, step or size do not fit, or a value is not finite or beyond 1e9; says which.
 
     """
+    frame = _view(image)
+    if not _is_whole(frame):
+        row, col = np.argwhere(~(np.abs(frame) <= LARGEST))[0]
+        said = 'beyond 1e9' if np.isfinite(frame[row, col]) else 'not a finite number'
+        raise Malformed(f'cell {said}', f'cell at row {row}, column {col} is {said}')
+    return frame
+
+
+def _is_whole(frame: np.ndarray) -> bool:
+    """Return whether every pixel has a value: of a frame with NaN no comparison is true."""
+    return frame.dtype.kind != 'f' or bool(frame.min() >= -LARGEST and frame.max() <= LARGEST)
+
+
+def _view(image: Image) -> np.ndarray:
+    """Return the pixels of an image as a view of its data; Malformed if its fields do not fit."""
     if image.encoding not in _KINDS:
         raise Malformed('wrong encoding', f'encoding is {image.encoding[:40]!r}, must be one of '
                         + ', '.join(_KINDS))
@@ -39,10 +68,4 @@ def image_to_array(image: Image) -> np.ndarray:
     if len(image.data) != rows * step:
         raise Malformed(
             'wrong size', f'data holds {len(image.data)} bytes, must be {rows * step}')
-    frame = np.ndarray((rows, cols), kind, image.data, strides=(step, kind.itemsize))
-    # Of a frame with NaN both are NaN, and compare as false.
-    if kind.kind == 'f' and not (frame.min() >= -LARGEST and frame.max() <= LARGEST):
-        row, col = np.argwhere(~(np.abs(frame) <= LARGEST))[0]
-        said = 'beyond 1e9' if np.isfinite(frame[row, col]) else 'not a finite number'
-        raise Malformed(f'cell {said}', f'cell at row {row}, column {col} is {said}')
-    return frame
+    return np.ndarray((rows, cols), kind, image.data, strides=(step, kind.itemsize))

@@ -97,7 +97,7 @@ class PlayerSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class FrameSettings:
-    """Settings of detector and tracker about where their frames come from."""
+    """Settings of detector, tracker and evaluator about where their frames come from."""
 
     conditioned: bool = setting(
         False, 'whether a conditioner stands before the detector: the node then waits for the map '

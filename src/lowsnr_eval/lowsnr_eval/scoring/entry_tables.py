@@ -1,4 +1,4 @@
-"""The tables of what was declared: ``detections.csv`` and ``tracks.csv``, a line for each entry."""
+"""The tables of what was declared, ``detections.csv`` and ``tracks.csv``: a line an entry."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from lowsnr_bringup.run import results_folder as files
+from lowsnr_bringup.run.growing_file import GrowingFile
+from lowsnr_bringup.run.growing_file import WriteFault
 from lowsnr_common.core.motion import POS
 from lowsnr_common.core.motion import VEL
 from lowsnr_common.core.records import Estimate
 from lowsnr_eval.scoring import score_rows as rows
 from lowsnr_eval.scoring.frame_scoring import Answer
-from lowsnr_eval.scoring.growing_file import GrowingFile
-from lowsnr_eval.scoring.growing_file import WriteFault
 from lowsnr_eval.scoring.table_files import lines_backwards
 from lowsnr_eval.scoring.table_files import open_table
 from lowsnr_eval.scoring.table_files import parsed

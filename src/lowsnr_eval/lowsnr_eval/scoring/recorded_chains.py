@@ -8,7 +8,9 @@ from typing import Any
 
 from lowsnr_bringup.bags.reader import Bag
 from lowsnr_bringup.bags.recorded_run import ARRAY
+from lowsnr_bringup.bags.recorded_run import CAMERA_INFO
 from lowsnr_bringup.bags.recorded_run import check_type
+from lowsnr_bringup.bags.recorded_run import IMAGE
 from lowsnr_bringup.bags.recorded_run import recorded_frames_topic
 from lowsnr_bringup.bags.recorded_run import recorded_parameters
 from lowsnr_bringup.plan import graph
@@ -20,6 +22,8 @@ from lowsnr_common.settings.text import one_line
 from lowsnr_eval.scoring.run_scoring import TRUTH
 
 _LEVELS = ('detections', 'tracks')
+_CELLS = {
+    f'{graph.CONDITIONED}camera_info': CAMERA_INFO, f'{graph.CONDITIONED}image_raw': IMAGE}
 
 
 @dataclass(frozen=True)
@@ -28,7 +32,7 @@ class RecordedChains:
     What is scored of a bag.
 
     ``names`` maps each topic of the bag to its name in scoring.  The bag may lack the
-    ``frames_topic``.
+    ``frames_topic``.  ``cells_topics`` are those of the conditioned frames and their maps, if any.
     """
 
     run: RunSettings
@@ -36,6 +40,7 @@ class RecordedChains:
     seed: int
     names: Mapping[str, str]
     frames_topic: str
+    cells_topics: tuple[str, ...] = ()
 
 
 def find_chains(
@@ -81,7 +86,8 @@ def find_chains(
     return RecordedChains(
         run, evaluation, evaluator.get('seed', 0),
         {own: topic for own, topic in topics.items() if bag.topics.get(own) == ARRAY},
-        frames_topic or recorded_frames_topic(bag, told))
+        frames_topic or recorded_frames_topic(bag, told),
+        tuple(_CELLS) if all(bag.topics.get(own) == kind for own, kind in _CELLS.items()) else ())
 
 
 def _names(bag: Bag, known: Mapping[str, str]) -> dict[str, str]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lowsnr_bringup.run.frame_ledger import FrameLedger
+from lowsnr_bringup.run.growing_file import WriteFault
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.core.records import Truth
 from lowsnr_common.settings.node_settings import Evaluation
@@ -17,7 +18,6 @@ from lowsnr_eval.scoring.frame_join import Frame
 from lowsnr_eval.scoring.frame_join import FrameJoin
 from lowsnr_eval.scoring.frame_scoring import Answer
 from lowsnr_eval.scoring.frame_scoring import score_frame
-from lowsnr_eval.scoring.growing_file import WriteFault
 from lowsnr_eval.scoring.scene import SceneWriter
 from lowsnr_eval.scoring.score_tables import ScoreTables
 
@@ -52,6 +52,8 @@ class RunScorer:
         Called with a sentence and a reason code for each frame that cannot be scored.
     resumed
         Whether to continue the results that an earlier process left in the folder.
+    conditioned
+        Whether the scene is given conditioned cells too.
 
     Raises
     ------
@@ -62,7 +64,7 @@ class RunScorer:
 
     def __init__(
         self, run: RunSettings, evaluation: Evaluation, reject: Callable[[str, str], None],
-        resumed: bool = False,
+        resumed: bool = False, conditioned: bool = False,
     ) -> None:
         self._truth, self._evaluation, self._reject = run.truth, evaluation, reject
         space = '{}/' if run.namespaces else ''
@@ -77,7 +79,7 @@ class RunScorer:
         self.tables = ScoreTables(folder, run.detectors, resumed)
         cell_size_m = evaluation.sensor.cell_size_m
         self._entries = EntryTables(folder, cell_size_m, self.tables.number if resumed else None)
-        self.scene = SceneWriter(folder, cell_size_m, resumed)
+        self.scene = SceneWriter(folder, cell_size_m, resumed, conditioned)
         self._join = FrameJoin(self.topics, self._key, self.tables.stamp_ns)
         self.number = self.tables.number
         self.ledger = FrameLedger(self.number)

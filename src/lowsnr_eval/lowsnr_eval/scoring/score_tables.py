@@ -16,11 +16,11 @@ from itertools import product
 from pathlib import Path
 
 from lowsnr_bringup.run import results_folder as files
+from lowsnr_bringup.run.growing_file import WriteFault
 from lowsnr_eval.scoring import score_rows as rows
 from lowsnr_eval.scoring.frame_scoring import Answer
 from lowsnr_eval.scoring.frame_scoring import FrameScore
 from lowsnr_eval.scoring.frame_scoring import LEVELS
-from lowsnr_eval.scoring.growing_file import WriteFault
 from lowsnr_eval.scoring.table_files import lines_backwards
 from lowsnr_eval.scoring.table_files import lines_of
 from lowsnr_eval.scoring.table_files import open_table

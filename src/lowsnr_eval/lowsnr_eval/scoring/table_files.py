@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TypeVar
 
 from lowsnr_bringup.run import results_folder as files
+from lowsnr_bringup.run.growing_file import GrowingFile
 from lowsnr_eval.scoring import score_rows as rows
-from lowsnr_eval.scoring.growing_file import GrowingFile
 
 T = TypeVar('T')
 

@@ -43,6 +43,8 @@ import numpy as np
 _LEVEL_LIMIT = 2.0
 # The least variance of a cell: where the noise of pixels is at its floor, the cells keep to it.
 _LEAST_CELL_VARIANCE = 0.64
+# Pixels by which an object, and its image in cells, move from frame to frame at most.
+_TRANSIENT_REACH = 4
 # Frames without content after which they are taken for another scene.
 _MOST_REJECTED = 8
 
@@ -113,7 +115,8 @@ class ConditioningSettings:
         return ConditionerState(
             shape=(shape[0], shape[1]), planes=None,
             local=np.zeros(blocks_of(shape), np.float32), previous=np.zeros(shape, np.float32),
-            trace=np.zeros(size, np.float32), cell_variance=np.ones(blocks_of(size), np.float32))
+            before=np.zeros(size, np.float32), trace=np.zeros(size, np.float32),
+            cell_variance=np.ones(blocks_of(size), np.float32))
 
     def step(
         self, state: ConditionerState, frame: np.ndarray,
@@ -200,11 +203,13 @@ class ConditioningSettings:
         rows, cols = (
             taps(size, count, self.binning, self.psf_px, place)
             for size, count, place in zip(state.shape, state.trace.shape, state.position))
+        raw = steps.filtered(deviations, rows, cols)
         cells = steps.flattened(
-            steps.filtered(deviations, rows, cols), self.smoothing_reach // self.binning)
+            steps.transients_limited(raw, state.before, _TRANSIENT_REACH // self.binning),
+            self.smoothing_reach // self.binning)
         state = replace(
-            state, planes=planes, local=local, previous=values, frames=state.frames + 1,
-            rejected=0, activity=activity)
+            state, planes=planes, local=local, previous=values, before=raw, activity=activity,
+            frames=state.frames + 1, rejected=0)
         state, cells = self._whitened(state, cells)
         return state, self._output(
             state, cells, shift=shift, gain=fit.change.gain, offset=fit.change.offset,

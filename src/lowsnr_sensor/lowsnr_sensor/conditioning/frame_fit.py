@@ -36,6 +36,8 @@ _CUT_ENERGY, _CUT_CORRELATION = 3.0, 0.3
 _STALE_ENERGY, _STALE = 1.5, 0.3
 # A frame is flat if its spread is below this share of what is expected.
 _FLAT = 0.2
+# Pixels from which a spread is estimated, about.
+_FEW = 2_048
 # Frames over which codec and activity are averaged, and rounding of float32, as a share.
 _SLOW, _ROUNDING = 16, 3e-7
 
@@ -97,7 +99,8 @@ def without_content(state: ConditionerState, frame: np.ndarray, values: np.ndarr
 
 
 def _spread(values: np.ndarray) -> float:
-    low, high = np.percentile(values, (5.0, 95.0))
+    some = values.ravel()[::max(values.size // _FEW, 1)]
+    low, high = np.percentile(some, (5.0, 95.0))
     return float(high - low)
 
 
@@ -234,7 +237,7 @@ def _is_cut(sample: Sample, fit: Fit, square: float) -> bool:
         return False
     values = sample.values[known]
     level = (values - fit.residual[known] - fit.offset) / fit.gain
-    contrast, other = float(level.std()), float(values.std())
+    contrast, other = (float(plane.std(dtype=float)) for plane in (level, values))
     if min(contrast, other) < _CONTRAST * float(np.median(sample.noise)):
         return False
     return bool(np.corrcoef(values, level)[0, 1] < _CUT_CORRELATION)

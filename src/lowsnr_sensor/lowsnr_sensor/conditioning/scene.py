@@ -45,6 +45,7 @@ def follow(
         state,
         planes=Planes(*(moved_by(plane, pixels, 0.0) for plane in state.planes)),
         local=blocks_moved_by(state.local, (binning * blocks[0], binning * blocks[1])),
+        before=moved_by(state.before, (down, right), 0.0),
         trace=moved_by(state.trace, (down, right), 0.0),
         cell_variance=blocks_moved_by(state.cell_variance, (blocks[0], blocks[1])),
         position=(fit.position[0] - pixels[0], fit.position[1] - pixels[1]),
@@ -114,14 +115,11 @@ def from_image(
         return after
     out = Planes(*(np.empty_like(plane) for plane in after))
     scalars = (np.float32(change.gain), np.float32(change.offset))
-    step = np.where(
-        before.age > 0.0, after.level - (scalars[0] * before.level + scalars[1]),
-        np.float32(0.0))
     row, col = _nearest(state)
     (top, down), (left, right) = (whole_and_fraction(-place) for place in state.position)
     scene_kernels.to_scene(
-        tuple(state.planes), step, tuple(after), scalars, (-row, -col), (top, left),
-        (np.float32(down), np.float32(right)), tuple(out))
+        tuple(state.planes), (before.level, before.age), tuple(after), scalars, (-row, -col),
+        (top, left), (np.float32(down), np.float32(right)), tuple(out))
     return out
 
 

@@ -37,6 +37,8 @@ class ConditionerState:
         Share of recent frames that look like compressed video.
     activity
         Mean square of recent frames in units of the expected noise.
+    before : (rows // binning, cols // binning) ndarray
+        Matched-filtered cells of the frame before, without a limit.
     trace : (rows // binning, cols // binning) ndarray
         Fading sum of cells; ``trace_variance`` is its variance for white noise.
     cell_variance : (blocks, blocks) ndarray
@@ -48,6 +50,7 @@ class ConditionerState:
     planes: Planes | None
     local: np.ndarray
     previous: np.ndarray
+    before: np.ndarray
     trace: np.ndarray
     cell_variance: np.ndarray
     position: tuple[float, float] = (0.0, 0.0)
