@@ -74,3 +74,19 @@ def test_damaged_table_is_named_by_the_process_that_continues_it(tmp_path):
         file.write('not a number,\n')
     with pytest.raises(ValueError, match=r'tracks\.csv'):
         EntryTables(tmp_path, 1.0, after=3)
+
+
+def test_process_that_continues_cuts_off_what_was_not_scored(tmp_path):
+    whole, broken = tmp_path / 'whole', tmp_path / 'broken'
+    for folder, first in ((whole, 5), (broken, 4)):
+        folder.mkdir()
+        with closing(EntryTables(folder, CELL_M)) as tables:
+            for frame in range(1, first):
+                tables.add(frame, frame, {'sdt': Answer([POSITION, POSITION], [TRACK])})
+    path = broken / 'tracks.csv'
+    path.write_bytes(path.read_bytes()[:-9])  # within the line of frame 3
+    with closing(EntryTables(broken, CELL_M, after=2)) as tables:
+        for frame in (3, 4):
+            tables.add(frame, frame, {'sdt': Answer([POSITION, POSITION], [TRACK])})
+    for name in ('detections.csv', 'tracks.csv'):
+        assert (broken / name).read_bytes() == (whole / name).read_bytes()

@@ -161,8 +161,6 @@ DEATHS = {
     'within a line': (lambda folder: cut(folder / 'frames.csv', 10), 3),
     'between two lines': (lambda folder: cut(folder / 'frames.csv', len(
         (folder / 'frames.csv').read_text().splitlines()[-1]) + 1), 3),
-    'within a line of what was declared': (lambda folder: cut(folder / 'frames.csv', 10)
-                                           or cut(folder / 'detections.csv', 10), 3),
     'before the latency was written': (lambda folder: cut(folder / 'latency.csv', 5), 4),
 }
 
@@ -179,7 +177,7 @@ def test_restarted_evaluator_continues_the_tables(scorer, tmp_path, unbroken, de
     assert second.add_array('tracks', whole * SECOND, [], 9.0) is Arrival.LATE
     score_all(second, SHIFTS[whole:], whole + 1)
     for name in ('frames.csv', 'detections.csv', 'tracks.csv'):
-        assert (broken / name).read_bytes() == (folder / name).read_bytes(), name
+        assert (broken / name).read_bytes() == (folder / name).read_bytes()
     ours = second.summary()
     if death == 'before the latency was written':  # one value is gone
         for each in (ours, summary):

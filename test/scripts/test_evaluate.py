@@ -72,6 +72,18 @@ def test_scores_are_those_of_the_live_run(recorded, tmp_path):
     assert 'scripts/evaluate.py' in page
 
 
+def test_declarations_are_exported_as_the_live_run_wrote_them(recorded, tmp_path):
+    bag, live = recorded
+    done = evaluate(bag, '--export', tmp_path / 'out')
+    assert (done.returncode, done.stderr) == (0, '')
+    found = {path.name: path.read_text() for path in (tmp_path / 'out').iterdir()}
+    assert found == {
+        name: (live / name).read_text() for name in ('detections.csv', 'tracks.csv')}
+    assert found['detections.csv'].count('\n') > FRAMES
+    again = evaluate(bag, '--export', tmp_path / 'out')
+    assert (again.returncode, 'detections.csv' in again.stderr) == (2, True)
+
+
 def copied(source, folder, topics, mode=CompressionMode.NONE, plugin=StoragePlugin.SQLITE3):
     """Write some topics of a bag, and one more, as another program does."""
     writer = Writer(folder, version=9, storage_plugin=plugin)

@@ -41,8 +41,8 @@ class RunScorer:
     ``topics`` are those of the arrays and states that it needs.  Without truth the first chain's
     detections show that a frame exists, and what was declared is counted, nothing else.
     ``ledger`` counts the frames that are known to exist and where they went, ``number`` is that
-    of the last one scored.  ``tables`` and ``scene`` are the writers of its results; the scene
-    takes the frames too.
+    of the last one scored.  ``tables``, ``entries`` and ``scene`` are the writers of its results;
+    the scene takes the frames too.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class RunScorer:
         folder.mkdir(parents=True, exist_ok=True)
         self.tables = ScoreTables(folder, run.detectors, resumed)
         cell_size_m = evaluation.sensor.cell_size_m
-        self._entries = EntryTables(folder, cell_size_m, self.tables.number if resumed else None)
+        self.entries = EntryTables(folder, cell_size_m, self.tables.number if resumed else None)
         self.scene = SceneWriter(folder, cell_size_m, resumed, conditioned)
         self._join = FrameJoin(self.topics, self._key, self.tables.stamp_ns)
         self.number = self.tables.number
@@ -112,19 +112,19 @@ class RunScorer:
 
     def flush(self) -> WriteFault | None:
         """Write what waits; where the tables have no room, the scene gives way to them."""
-        fault = self.tables.flush() or self._entries.flush()
+        fault = self.tables.flush() or self.entries.flush()
         if fault and fault.full:
             self.scene.give_way()
-            fault = self.tables.flush() or self._entries.flush()
+            fault = self.tables.flush() or self.entries.flush()
         return fault
 
     def close(self) -> None:
         """Write what waits, of all things the scores, and close the files."""
         self.flush()
         if self.tables.flush():
-            self._entries.give_way()
+            self.entries.give_way()
         self.tables.close()
-        self._entries.close()
+        self.entries.close()
         self.scene.close()
 
     def _score_one(self, frame: Frame) -> ScoredFrame | None:
@@ -141,7 +141,7 @@ class RunScorer:
         scores = score_frame(
             self.number, frame.stamp / 1e9, objects, answers, self._evaluation)
         # The lines of the scores come last: they show a process that continues what is whole.
-        self._entries.add(self.number, frame.stamp, answers)
+        self.entries.add(self.number, frame.stamp, answers)
         self.tables.add(scores, answers)
         self.scene.add_answers(self.number, frame.stamp, objects or (), answers)
         self.ledger.score(frame.stamp, self.number)
