@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import _venv
+from lowsnr_bringup.cli.executables import installed_executable
 import pytest
 import ros2
 
@@ -67,3 +68,25 @@ def test_line_to_copy_sources_an_installed_ros(linked, tmp_path, monkeypatch):
     line = ros2.line_to_copy('topic', 'list')
     out = subprocess.check_output(['sh', '-c', line], env={'PATH': '/usr/bin:/bin'}, text=True)
     assert out == '9 yes\n'
+
+
+def test_run_starts_a_node_of_the_checkout(linked):
+    done = subprocess.run(
+        [sys.executable, SCRIPT, 'run', 'lowsnr_sensor', 'sensor_node', '--ros-args', '-p',
+         'rate_hz:=-1.0'], capture_output=True, text=True,
+        env=os.environ | {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'})
+    assert (done.returncode, done.stderr.count('\n')) == (2, 1)  # the node's own, for its setting
+    assert 'rate_hz' in done.stderr
+
+
+def test_executables_of_installed_packages_come_first(tmp_path, monkeypatch):
+    index = tmp_path / 'share' / 'ament_index' / 'resource_index' / 'packages'
+    index.mkdir(parents=True)
+    (index / 'lowsnr_sensor').touch()
+    path = command(tmp_path / 'lib' / 'lowsnr_sensor' / 'sensor_node', 'exit 3')
+    monkeypatch.setenv('AMENT_PREFIX_PATH', os.pathsep.join(['', str(tmp_path)]))
+    assert installed_executable('lowsnr_sensor', 'sensor_node') == path
+    assert installed_executable('lowsnr_detect', 'sdt_node') is None
+    path.chmod(0o644)
+    with pytest.raises(ValueError, match='sensor_node'):
+        installed_executable('lowsnr_sensor', 'sensor_node')

@@ -106,7 +106,7 @@ def test_messages_are_echoed_whole_or_by_field(ros2):
     message, _ = yaml.safe_load_all(out)
     assert (code, message['child_frame_id']) == (0, 'object')
     assert len(message['twist']['covariance']) == 36
-    _, out, _ = ros2('topic', 'echo', '--once', '/image_raw', '--field', 'width')
+    _, out, _ = ros2('topic', 'echo', '--once', 'image_raw', '--field', 'width')
     assert out == '20\n---\n'
     code, out, err = ros2('topic', 'echo', '--once', '/image_raw', '--field', 'size')
     assert (code, out) == (1, '')

@@ -37,11 +37,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         options = _parser(arguments[:1]).parse_args(arguments)
         return int(options.run(options) or 0)
-    except (LookupError, OSError, ValueError) as error:
-        if isinstance(error, BrokenPipeError):  # as of ros2 ... | head
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            return 0
-        print(printable_lines(error.args[-1] if error.args else error), file=sys.stderr)
+    except BrokenPipeError:  # as of ros2 ... | head
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except (LookupError, OSError, RuntimeError, ValueError) as error:
+        print(printable_lines(error), file=sys.stderr)
         return FAILED
     except KeyboardInterrupt:
         return INTERRUPTED

@@ -25,6 +25,7 @@ from rclpy.serialization import deserialize_message
 from rclpy.time import Time
 
 _PRINT_EVERY_S = 1.0
+_DEPTH = 1000  # of the queue of messages that are counted
 
 
 def add_verbs(verbs: Any) -> None:
@@ -38,7 +39,7 @@ def add_verbs(verbs: Any) -> None:
     listing.add_argument(
         '-v', '--verbose', action='store_true', help='print types and numbers of endpoints')
     info = verbs.add_parser('info', help='print the endpoints of a topic', allow_abbrev=False)
-    info.add_argument('topic_name', help='name of the topic')
+    info.add_argument('topic_name', type=_full, help='name of the topic')
     info.add_argument(
         '-v', '--verbose', action='store_true', help='print node, type and QoS of each')
     echo = verbs.add_parser('echo', help='print the messages of a topic', allow_abbrev=False)
@@ -47,7 +48,7 @@ def add_verbs(verbs: Any) -> None:
     delay = verbs.add_parser(
         'delay', help='print the time from stamp to arrival', allow_abbrev=False)
     for verb in (rate, delay):
-        verb.add_argument('topic_name', help='name of the topic')
+        verb.add_argument('topic_name', type=_full, help='name of the topic')
         verb.add_argument(
             '-w', '--window', type=_above(0), default=10_000, metavar='WINDOW',
             help='number of messages that count (default: 10000)')
@@ -60,7 +61,7 @@ def add_verbs(verbs: Any) -> None:
 
 
 def _add_echo_options(echo: argparse.ArgumentParser) -> None:
-    echo.add_argument('topic_name', help='name of the topic')
+    echo.add_argument('topic_name', type=_full, help='name of the topic')
     echo.add_argument('message_type', nargs='?', help='type such as std_msgs/msg/String')
     echo.add_argument('--once', action='store_true', help='end after the first message')
     echo.add_argument('--timeout', type=float, metavar='N', help='end after N seconds')
@@ -78,6 +79,11 @@ def _add_echo_options(echo: argparse.ArgumentParser) -> None:
     echo.add_argument('--qos-depth', type=_above(0), default=5, metavar='N', help='queue size')
     echo.add_argument('--qos-reliability', choices=('reliable', 'best_effort'))
     echo.add_argument('--qos-durability', choices=('volatile', 'transient_local'))
+
+
+def _full(name: str) -> str:
+    """Return the full name of a topic."""
+    return name if name.startswith('/') else f'/{name}'
 
 
 def _above(least: int) -> Callable[[str], int]:
@@ -148,7 +154,8 @@ def print_messages(options: argparse.Namespace) -> None:
 
     with graph_client(options) as client:
         kind = _type_of(client, options.topic_name, options.message_type)
-        qos = _fitting_qos(client, options)
+        qos = _fitting_qos(client, options.topic_name, options.qos_depth,
+                           options.qos_reliability, options.qos_durability)
         client.node.create_subscription(kind, options.topic_name, show, qos)
         client.spin_until(
             lambda: options.once and printed > 0,
@@ -190,7 +197,7 @@ def _follow(
 ) -> None:
     """Take the messages of a topic, and print a text once a second if one has arrived."""
     kind = _type_of(client, options.topic_name, None)
-    options.qos_depth, options.qos_reliability, options.qos_durability = 1000, None, None
+    qos = _fitting_qos(client, options.topic_name, _DEPTH)
     arrived = False
 
     def note(data: bytes) -> None:
@@ -198,8 +205,7 @@ def _follow(
         arrived = True
         take(data)
 
-    client.node.create_subscription(
-        kind, options.topic_name, note, _fitting_qos(client, options), raw=True)
+    client.node.create_subscription(kind, options.topic_name, note, qos, raw=True)
     while True:
         arrived = False
         client.spin_until(lambda: False, _PRINT_EVERY_S)
@@ -226,17 +232,19 @@ def _type_of(client: Client, topic: str, named: str | None) -> Any:
                           'message') from None
 
 
-def _fitting_qos(client: Client, options: argparse.Namespace) -> QoSProfile:
-    """Return the QoS that was asked for, or the strongest that all publishers offer."""
-    offered = [each.qos_profile for each in
-               client.node.get_publishers_info_by_topic(options.topic_name)]
+def _fitting_qos(
+    client: Client, topic: str, depth: int, reliability: str | None = None,
+    durability: str | None = None,
+) -> QoSProfile:
+    """Return the QoS that is asked for, where it is; else the strongest that all offer."""
+    offered = [each.qos_profile for each in client.node.get_publishers_info_by_topic(topic)]
     reliable = bool(offered) and all(
         each.reliability == ReliabilityPolicy.RELIABLE for each in offered)
     kept = bool(offered) and all(
         each.durability == DurabilityPolicy.TRANSIENT_LOCAL for each in offered)
-    reliability = options.qos_reliability or ('reliable' if reliable else 'best_effort')
-    durability = options.qos_durability or ('transient_local' if kept else 'volatile')
     return QoSProfile(
-        depth=options.qos_depth,
-        reliability=ReliabilityPolicy.get_from_short_key(reliability),
-        durability=DurabilityPolicy.get_from_short_key(durability))
+        depth=depth,
+        reliability=ReliabilityPolicy.get_from_short_key(
+            reliability or ('reliable' if reliable else 'best_effort')),
+        durability=DurabilityPolicy.get_from_short_key(
+            durability or ('transient_local' if kept else 'volatile')))
