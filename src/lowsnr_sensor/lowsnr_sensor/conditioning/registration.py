@@ -199,17 +199,30 @@ def _newton_step(
     return float(step[0]), float(step[1]), float(found[-2]) if scales else 0.0
 
 
-def phase_correlation(frame: np.ndarray, before: np.ndarray) -> tuple[float, float, float]:
+def spectrum(frame: np.ndarray) -> np.ndarray:
+    """Return the Fourier transform of a frame (rows, cols), reduced and tapered."""
+    transform: np.ndarray = scipy.fft.rfft2(_reduced(frame, _factor(frame.shape)))
+    return transform
+
+
+def _factor(shape: tuple[int, ...]) -> int:
+    return min(max(min(shape) // _LEAST_SIDE, 1), _MOST_REDUCED)
+
+
+def phase_correlation(
+    now: np.ndarray, past: np.ndarray, shape: tuple[int, int],
+) -> tuple[float, float, float]:
     """
-    Return the motion of the camera from ``before`` to ``frame``, in pixels, and the response.
+    Return the motion of the camera between frames of a shape, in pixels, and the response.
+
+    ``now`` and ``past`` are the spectra of the frame and of the one before.
 
     Row and column are those of the image in the scene: content that moves left and up in the
     image gives positive ones.  The response is the height of the peak over that of equal frames.
 
     """
-    factor = min(max(min(frame.shape) // _LEAST_SIDE, 1), _MOST_REDUCED)
-    now, past = (scipy.fft.rfft2(_reduced(plane, factor)) for plane in (frame, before))
-    size = tuple(side // factor for side in frame.shape)
+    factor = _factor(shape)
+    size = tuple(side // factor for side in shape)
     cross = past * np.conj(now)
     height = abs(cross)
     cross /= height + height.mean() + 1e-30
