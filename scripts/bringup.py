@@ -36,7 +36,8 @@ def main() -> int:
     set_environment(options)
     from lowsnr_bringup.run.forked_nodes import NodeServer
     from lowsnr_bringup.run.stop_signals import StopSignals
-    with StopSignals() as stop, NodeServer() as server:
+    real = ['lowsnr_sensor.conditioner_node'] if options.camera or options.replay else []
+    with StopSignals() as stop, NodeServer(real) as server:
         return plan_and_run(options, stop, server)
 
 

@@ -6,13 +6,13 @@ import subprocess
 import sys
 
 from lowsnr_bringup.plan.graph import to_yaml
+from lowsnr_bringup.run.earlier_run import earlier_alarm_rates
 from lowsnr_bringup.run.frame_ledger import FrameLedger
 from lowsnr_bringup.run.results_folder import Account
 from lowsnr_common.core.records import AlarmRate
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.node_settings import RunSettings
 from lowsnr_eval.report.table import format_table
-from lowsnr_eval.scoring.earlier_run import earlier_alarm_rates
 from lowsnr_eval.scoring.final_summary import summarize_folder
 from lowsnr_eval.scoring.final_summary import summarize_run
 from lowsnr_eval.scoring.final_summary import write_summary

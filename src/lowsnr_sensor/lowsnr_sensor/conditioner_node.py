@@ -55,7 +55,7 @@ class ConditionerNode(ManagedNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Create publishers and the subscription, and load the compiled loops."""
-        warm_up(self.conditioning)
+        preload()
         depth, detectors = self.settings.queue_depth, self.settings.consumers
         frames = frame_depth(depth, *_ASSUMED_SHAPE)
         self._conditioner_state: ConditionerState | None = None
@@ -113,8 +113,9 @@ class ConditionerNode(ManagedNode):
         self.counts['out'] += 1
 
 
-def warm_up(conditioning: ConditioningSettings) -> None:
+def preload() -> None:
     """Condition a few small frames of a moving camera, so that the compiled loops are ready."""
+    conditioning = ConditioningSettings()
     rng = np.random.default_rng(0)
     scene = np.kron(rng.standard_normal((16, 20)), np.full((4, 4), 100.0))
     state = conditioning.init(_WARM_UP_SHAPE)

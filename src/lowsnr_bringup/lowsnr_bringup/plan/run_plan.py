@@ -94,16 +94,21 @@ def plan_run(options: RunOptions, config_folder: Path, look: Look | None = None)
         graph.wiring(nodes, detectors, source.name),  # how many subscribers each node has
         overrides)  # --set
     built = _build_detectors(nodes, parameters)
-    notes = _start_at_once(built, parameters, overrides) if source.camera else ()
+    notes = source.notes + _start_at_once(source, built, parameters, overrides)
     _fill_in(source, nodes, parameters, built)
-    for node in nodes:
-        for cls in graph.settings_classes(node.name):
-            graph.build(cls, parameters[node.path], node.label)
+    _check(nodes, parameters)
     # A bag may give its scenario any name; the results stay in their folder.
     name = '-'.join([re.sub(r'[^\w.-]+', '_', source.name), *detectors])
     return RunPlan(
-        name, nodes, parameters, built, (*source.notes, *notes),
+        name, nodes, parameters, built, notes,
         not _frames(source, parameters) if options.respawn is None else options.respawn)
+
+
+def _check(nodes: Sequence[graph.Node], parameters: Mapping[str, Values]) -> None:
+    """Check the parameters of every node; ValueError names the node."""
+    for node in nodes:
+        for cls in graph.settings_classes(node.name):
+            graph.build(cls, parameters[node.path], node.label)
 
 
 def _build_detectors(
@@ -119,7 +124,8 @@ def _build_detectors(
 
 
 def _start_at_once(
-    detectors: Mapping[str, Detector], parameters: Mapping[str, Values], overrides: graph.Layer,
+    source: Source, detectors: Mapping[str, Detector], parameters: Mapping[str, Values],
+    overrides: graph.Layer,
 ) -> tuple[str, ...]:
     """
     Make matched detectors of a camera nominal if they would have to be calibrated first.
@@ -127,7 +133,7 @@ def _start_at_once(
     A camera waits for no simulation, unless ``--set`` asks for it.  Return a line for each.
     """
     notes = []
-    for path, detector in detectors.items():
+    for path, detector in detectors.items() if source.camera else ():
         values, node = parameters[path], path.rpartition('/')[2]
         shape = (values['rows'], values['cols'])
         if (values.get('operating_point', MATCHED) == MATCHED

@@ -214,7 +214,7 @@ class Manager:
     def _on_clock(self, message: Clock) -> None:
         stamp = stamp_key(message.clock)
         self.ledger.publish(stamp)
-        if self._timeline.classify(stamp) is not StampOrder.LATE:
+        if self._timeline.classify(stamp, time.monotonic()) is not StampOrder.LATE:
             self.newest_ns = stamp
 
     def _on_parameters(self, event: ParameterEvent) -> None:

@@ -168,7 +168,7 @@ class ManagedNode(SettingsNode):
     def is_new(self, source: str, stamp: Time) -> bool:
         """Return whether a message may be used by its stamp, see Timeline; reject it otherwise."""
         timeline, key = self._timelines[source], stamp_key(stamp)
-        newest, order = timeline.newest, timeline.classify(key)
+        newest, order = timeline.newest, timeline.classify(key, time.monotonic())
         if order is StampOrder.LATE:
             self.counts.update(('late', 'refused'))
             self.warn(Fault(

@@ -56,7 +56,7 @@ def _greys(planes: Sequence[np.ndarray | None]) -> str:
 def _places(planes: Sequence[np.ndarray | None]) -> list[int]:
     """Return where the greys of each plane begin, -1 where there are none."""
     sizes = [0 if plane is None else plane.size for plane in planes]
-    return np.where(np.array(sizes) > 0, np.cumsum(sizes) - sizes, -1).tolist()
+    return [int(end) - size if size else -1 for size, end in zip(sizes, np.cumsum(sizes))]
 
 
 def _note(lines: Sequence[Mapping[str, Any]], scored: int) -> str:

@@ -201,12 +201,9 @@ def _newton_step(
 
 def spectrum(frame: np.ndarray) -> np.ndarray:
     """Return the Fourier transform of a frame (rows, cols), reduced and tapered."""
-    transform: np.ndarray = scipy.fft.rfft2(_reduced(frame, _factor(frame.shape)))
+    factor = min(max(min(frame.shape) // _LEAST_SIDE, 1), _MOST_REDUCED)
+    transform: np.ndarray = scipy.fft.rfft2(_reduced(frame, factor))
     return transform
-
-
-def _factor(shape: tuple[int, ...]) -> int:
-    return min(max(min(shape) // _LEAST_SIDE, 1), _MOST_REDUCED)
 
 
 def phase_correlation(
@@ -221,8 +218,8 @@ def phase_correlation(
     image gives positive ones.  The response is the height of the peak over that of equal frames.
 
     """
-    factor = _factor(shape)
-    size = tuple(side // factor for side in shape)
+    factor = shape[0] // len(now)
+    size = (shape[0] // factor, shape[1] // factor)
     cross = past * np.conj(now)
     height = abs(cross)
     cross /= height + height.mean() + 1e-30
@@ -242,11 +239,10 @@ def phase_correlation(
 def _reduced(frame: np.ndarray, factor: int) -> np.ndarray:
     """Return means over squares of a frame, without their mean, with a tapered border."""
     rows, cols = (side // factor for side in frame.shape)
-    tall = frame[:rows * factor:factor].copy()
-    for start in range(1, factor):
+    tall, small = (np.zeros((rows, width), np.float32) for width in (frame.shape[1], cols))
+    for start in range(factor):
         tall += frame[start:rows * factor:factor]
-    small = tall[:, :cols * factor:factor] / np.float32(factor**2)
-    for start in range(1, factor):
+    for start in range(factor):
         small += tall[:, start:cols * factor:factor] / np.float32(factor**2)
     small = np.nan_to_num(small - np.nanmean(small), posinf=0.0, neginf=0.0)
     tapers = [np.sqrt(np.hanning(side + 2)[1:-1]).astype(np.float32) for side in (rows, cols)]
