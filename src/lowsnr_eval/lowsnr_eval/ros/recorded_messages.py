@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from typing import Any
 
 from lowsnr_bringup.bags.bag_frames import COMPRESSED
 from lowsnr_bringup.bags.reader import Bag
@@ -14,6 +15,7 @@ from lowsnr_common.ros.frame_maps import info_to_map
 from lowsnr_common.ros.images import image_to_array
 from lowsnr_eval.scoring.recorded_chains import RecordedChains
 from lowsnr_eval.scoring.run_scoring import RunScorer
+from lowsnr_eval.scoring.scene import SceneWriter
 
 
 def score_bag(bag: Bag, chains: RecordedChains, scorer: RunScorer) -> None:
@@ -26,26 +28,18 @@ def score_bag(bag: Bag, chains: RecordedChains, scorer: RunScorer) -> None:
         One line, if a message is not of the type that the bag declares.
 
     """
-    maps: dict[int, FrameMap] = {}
-    is_packed = bag.topics.get(chains.frames_topic) == COMPRESSED
-    array_of = decode_compressed if is_packed else image_to_array
+    pictures = _Pictures(bag, chains, scorer.scene)
     states = {f'{own}/odometry': topic for own, topic in chains.names.items()}
     cell_size_m = chains.evaluation.sensor.cell_size_m
-    shown = {chains.frames_topic, *chains.cells_topics}
-    for message in bag.messages({*shown, *chains.names, *states}):
-        if message.topic in shown and scorer.scene.full:
+    for message in bag.messages({*pictures.topics, *chains.names, *states}):
+        if message.topic in pictures.topics and scorer.scene.full:
             continue
         read = bag.read(message)
         stamp = messages.stamp_key(read.header.stamp)
         # A malformed message is rejected here as in a live run; its frame lacks it.
         with suppress(Malformed):
-            if message.topic == chains.frames_topic:
-                scorer.scene.add_frame(stamp, array_of(read))
-            elif message.topic in shown and message.topic.endswith('camera_info'):
-                maps[stamp] = info_to_map(read)
-            elif message.topic in shown:
-                if where := maps.pop(stamp, None):
-                    scorer.scene.add_cells(stamp, image_to_array(read), where)
+            if message.topic in pictures.topics:
+                pictures.add(message.topic, stamp, read)
             elif message.topic in states:
                 scorer.add_state(
                     states[message.topic], stamp, messages.odometry_to_estimate(read, 0.0))
@@ -58,3 +52,23 @@ def score_bag(bag: Bag, chains: RecordedChains, scorer: RunScorer) -> None:
                     scorer.add_state(topic, stamp, item)
         scorer.score()
     scorer.score(float('inf'))
+
+
+class _Pictures:
+    """The frames of a bag, and their conditioned cells with their maps, for a scene."""
+
+    def __init__(self, bag: Bag, chains: RecordedChains, scene: SceneWriter) -> None:
+        self._frames_topic, self._scene = chains.frames_topic, scene
+        self.topics = {chains.frames_topic, *chains.cells_topics}
+        is_packed = bag.topics.get(chains.frames_topic) == COMPRESSED
+        self._array_of = decode_compressed if is_packed else image_to_array
+        self._maps: dict[int, FrameMap] = {}
+
+    def add(self, topic: str, stamp: int, message: Any) -> None:
+        """Add a message of a topic; Malformed for one that cannot be used."""
+        if topic == self._frames_topic:
+            self._scene.add_frame(stamp, self._array_of(message))
+        elif topic.endswith('camera_info'):
+            self._maps[stamp] = info_to_map(message)
+        elif where := self._maps.pop(stamp, None):
+            self._scene.add_cells(stamp, image_to_array(message), where)
