@@ -125,6 +125,15 @@ def test_cubic_interpolation_keeps_a_parabola_and_its_slope():
         np.testing.assert_allclose(one, two, atol=2e-3)
 
 
+@pytest.mark.parametrize('by', [(0, 0), (0, 2), (3, -4), (-1, 0), (-9, 5), (2, 7), (12, -12)])
+def test_plane_is_moved_as_by_loops(rng, by):
+    plane, wanted = single(rng.standard_normal((5, 7))), np.full((5, 7), np.nan, np.float32)
+    for row, col in np.ndindex(5, 7):
+        if 0 <= row + by[0] < 5 and 0 <= col + by[1] < 7:
+            wanted[row, col] = plane[row + by[0], col + by[1]]
+    np.testing.assert_array_equal(pixels.moved_by(plane, by, np.nan), wanted)
+
+
 @pytest.mark.parametrize('position', [(2.0, -3.0), (1.4, 6.7)])
 def test_planes_return_to_the_scene_as_defined(rng, position):
     state = ConditioningSettings().init((23, 37))

@@ -229,8 +229,12 @@ def phase_correlation(frame: np.ndarray, before: np.ndarray) -> tuple[float, flo
 def _reduced(frame: np.ndarray, factor: int) -> np.ndarray:
     """Return means over squares of a frame, without their mean, with a tapered border."""
     rows, cols = (side // factor for side in frame.shape)
-    tall = sum(frame[start:rows * factor:factor] for start in range(factor))
-    small = sum(tall[:, start:cols * factor:factor] for start in range(factor)) / factor**2
+    tall = frame[:rows * factor:factor].copy()
+    for start in range(1, factor):
+        tall += frame[start:rows * factor:factor]
+    small = tall[:, :cols * factor:factor] / np.float32(factor**2)
+    for start in range(1, factor):
+        small += tall[:, start:cols * factor:factor] / np.float32(factor**2)
     small = np.nan_to_num(small - np.nanmean(small), posinf=0.0, neginf=0.0)
     tapers = [np.sqrt(np.hanning(side + 2)[1:-1]).astype(np.float32) for side in (rows, cols)]
     tapered: np.ndarray = small * tapers[0][:, None] * tapers[1]

@@ -37,6 +37,8 @@ class ConditionerState:
         Share of recent frames that look like compressed video.
     activity
         Mean square of recent frames in units of the expected noise.
+    copies : (rows, cols) ndarray of uint8
+        How often the codec copied each pixel, frame after frame; zeros without a codec.
     before : (rows // binning, cols // binning) ndarray
         Matched-filtered cells of the frame before, without a limit.
     trace : (rows // binning, cols // binning) ndarray
@@ -50,6 +52,7 @@ class ConditionerState:
     planes: Planes | None
     local: np.ndarray
     previous: np.ndarray
+    copies: np.ndarray
     before: np.ndarray
     trace: np.ndarray
     cell_variance: np.ndarray
