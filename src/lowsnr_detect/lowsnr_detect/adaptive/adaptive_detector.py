@@ -73,7 +73,7 @@ class AdaptiveDetector:
         prob = -math.expm1(math.log1p(-self.prob) / len(members))
         return tuple(
             AdaptiveThreshold(
-                prob, white_tail(member), self.shape, member.peak_reach,
+                prob, white_tail(member, *self.shape), self.shape, member.peak_reach,
                 member.frames_per_declaration)
             for member in members)
 

@@ -26,9 +26,9 @@ START = 1.0
 _RAREST = 0.015
 # Logs of the probabilities for which the excess is known; between them it is interpolated.
 _LOG_PROB = -0.25 * np.arange(101)
-# Simulated noise: some 170,000 maxima, in frames with edges as any other's, after the statistic
-# has settled.
-_RUNS, _SIDE, _SETTLING, _FRAMES = 8, 64, 15, 250
+# Simulated noise, after the statistic has settled: rows and columns at least and at most, because
+# maxima are lower at the edges of small frames, and cells of all runs.
+_LEAST, _SIDE, _CELLS, _SETTLING, _FRAMES = 16, 64, 32_768, 15, 250
 
 
 @dataclass(frozen=True)
@@ -80,9 +80,10 @@ class WhiteTail:
 
 
 @functools.lru_cache(maxsize=32)
-def white_tail(detector: CellDetector) -> WhiteTail:
-    """Return the tail of the local maxima of a detector's statistic in white noise."""
-    rng, shape = stream(0, 'calibration'), (_RUNS, _SIDE, _SIDE)
+def white_tail(detector: CellDetector, rows: int = _SIDE, cols: int = _SIDE) -> WhiteTail:
+    """Return the tail of the local maxima of a statistic in white noise, in frames of a size."""
+    rows, cols = (min(max(size, _LEAST), _SIDE) for size in (rows, cols))
+    rng, shape = stream(0, 'calibration'), (_CELLS // (rows * cols), rows, cols)
     state, values = detector.init(shape), []
     for number in range(_SETTLING + _FRAMES):
         noise = detector.sensor.noise_std * rng.standard_normal(shape)
@@ -92,4 +93,4 @@ def white_tail(detector: CellDetector) -> WhiteTail:
                 local_maxima(np.ascontiguousarray(plane, np.float32), detector.peak_reach)[2]
                 for plane in planes]
     maxima = np.concatenate(values).astype(float)
-    return WhiteTail.of(maxima, len(maxima) / (_RUNS * _FRAMES * _SIDE**2))
+    return WhiteTail.of(maxima, len(maxima) / (_FRAMES * math.prod(shape)))
