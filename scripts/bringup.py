@@ -9,11 +9,13 @@ from pathlib import Path
 import shlex
 import shutil
 import sys
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from _arguments import INTERRUPTED
 from _arguments import USAGE
 import _environment
+from _film_arguments import films
 from _run_arguments import parse_arguments
 from ros2 import line_to_copy
 
@@ -50,6 +52,7 @@ def plan_and_run(
     from lowsnr_bringup.run.results_folder import fresh_folder
     with ExitStack() as stack:
         try:
+            made = films(options, Path(stack.enter_context(TemporaryDirectory())))
             plan = plan_of(options)
             claim = stack.enter_context(claim_domain())
             if options.secure is not None:
@@ -61,7 +64,7 @@ def plan_and_run(
         except (OSError, ValueError) as error:
             say(str(error))
             return USAGE
-        for note in plan.notes:
+        for note in (*made, *plan.notes):
             say(note)
         calibrate(plan)
         if plan.frames is None:

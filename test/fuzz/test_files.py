@@ -1,6 +1,5 @@
 """Damaged frames, tables of truth and results are used, or rejected in one line."""
 
-import argparse
 from contextlib import closing
 import io
 import json
@@ -8,7 +7,6 @@ import shutil
 import zipfile
 
 from astropy.io import fits
-import convert
 import cv2
 from fuzz.counting import fuzz
 from fuzz.counting import tried
@@ -17,9 +15,11 @@ from fuzz.strategies import names
 from fuzz.strategies import numbers
 from fuzz.strategies import whole
 from hypothesis import strategies as st
-from lowsnr_bringup.bags.image_files import open_frames
-from lowsnr_bringup.bags.truth_table import read_truth
+from lowsnr_bringup.formats.image_files import open_frames
+from lowsnr_bringup.ros.film_bag import write_film
 from lowsnr_bringup.run.results_folder import Account
+from lowsnr_bringup.truth.forms import read_truth
+from lowsnr_bringup.truth.frame_index import FrameIndex
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.core.records import Truth
 from lowsnr_common.settings.node_settings import Evaluation
@@ -89,8 +89,7 @@ archives = st.builds(damaged, st.just(ARCHIVE)).flatmap(lambda each: each) | st.
 def converted(place, source, truth=None, **options):
     """Make a bag from frames as convert.py does."""
     shutil.rmtree(place / 'bag', ignore_errors=True)
-    given = {'rate': None, 'period': None, 'storage': 'mcap', 'out': place / 'bag'} | options
-    return convert.write(open_frames(source), argparse.Namespace(truth=truth, **given))
+    return write_film(open_frames(source), place / 'bag', truth_file=truth, **options)
 
 
 @fuzz('npz archives', 420, data=archives, period=st.none() | numbers.filter(lambda n: n > 0.0))
@@ -121,7 +120,7 @@ tables = st.lists(st.lists(cells, min_size=1, max_size=5), max_size=4).map(
 def test_table_of_truth_is_read_or_rejected(place, data):
     path = place / 'truth.csv'
     path.write_bytes(data)
-    tried(path, read_truth, path, np.arange(1.0, 4.0))
+    tried(path, read_truth, path, FrameIndex(np.arange(1.0, 4.0)))
 
 
 def write_results(folder, name='object'):

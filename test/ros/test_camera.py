@@ -2,6 +2,7 @@
 
 import threading
 
+import cv2
 from graph_runs import own_domain
 from lowsnr_bringup.ros.camera import CameraError
 from lowsnr_bringup.ros.camera import inspect_camera
@@ -22,6 +23,7 @@ from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CameraInfo
+from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
@@ -78,8 +80,17 @@ def test_camera_may_send_pixels_without_a_value(camera):
     assert inspect_camera(TOPIC, 60.0).encoding == '32FC1'
 
 
+def test_compressed_camera_is_seen_as_what_it_is_unpacked_to(camera):
+    data = cv2.imencode('.png', np.full((3, 5), 1000, np.uint16))[1].tobytes()
+    camera(lambda k: CompressedImage(
+        header=Header(stamp=stamp_from_seconds(0.04 * k)), format='mono16; png compressed',
+        data=data), kind=CompressedImage)
+    seen = inspect_camera(TOPIC, 60.0)
+    assert (seen.rows, seen.cols, seen.encoding, seen.compressed) == (3, 5, 'mono16', True)
+
+
 @pytest.mark.parametrize(('make', 'reason'), [
-    (lambda k: image(k, 'bgr8'), 'wrong encoding'),
+    (lambda k: image(k, '32FC3'), 'wrong encoding'),
     (lambda k: image(k, rows=0), 'empty frame'),
     (lambda k: image(k, rows=3 + k % 2), 'changing size'),
     (lambda k: image(0.0), 'constant stamps'),

@@ -10,6 +10,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from lowsnr_common.core.frame_map import FrameMap
 from lowsnr_common.core.records import Malformed
+from lowsnr_common.core.timeline import in_seconds
 from lowsnr_common.ros import messages
 from lowsnr_common.ros import run_records
 from lowsnr_common.ros.frame_maps import FrameMaps
@@ -107,7 +108,7 @@ class EvaluatorNode(ManagedNode):
         if arrival is not Arrival.USED:
             self.counts['late'] += 1
             raise Malformed(
-                arrival.value, f'the array of {stamp / 1e9:.9g} s is {arrival.value}')
+                arrival.value, f'the array of {in_seconds(stamp)} s is {arrival.value}')
         self._score()
 
     def _on_state(self, topic: str, message: Odometry) -> None:
@@ -167,7 +168,7 @@ def _stamp(header: Header) -> int:
     """Return a stamp [ns] that a message can carry on, or raise Malformed."""
     stamp = messages.stamp_key(header.stamp)
     if not 0 <= stamp < _LATEST_NS:
-        raise Malformed('not a stamp', f'the stamp is {stamp / 1e9:.9g} s')
+        raise Malformed('not a stamp', f'the stamp is {in_seconds(stamp)} s')
     return stamp
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import field
+from dataclasses import replace
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -29,6 +30,7 @@ Look = Callable[[str], 'RecordedRun']  # what the camera on a topic shows
 _FRAMES = ('/image_raw', '/clock')
 _TRUTH = ('/ground_truth', '/ground_truth/odometry')
 _DETECTABLE = '32FC1'
+_LEAST = 2  # pixels along each side of a frame that is conditioned
 # The operating point whose threshold is simulated: for real frames it is adaptive instead.
 MATCHED = 'matched'
 
@@ -70,6 +72,8 @@ def find_source(
     if options.replay is not None:
         from lowsnr_bringup.bags.recorded_run import inspect_bag  # slow to import
         bag = inspect_bag(options.replay, options.frames_topic, options.truth_topic)
+        if options.truth_bag is not None:
+            bag = replace(bag, truth=True)
         recordable = [*_FRAMES, *(_TRUTH if bag.truth else ())]
         return _recorded(bag, options, given, node='player', recordable=recordable)
     sensor = given('sensor')
@@ -111,6 +115,8 @@ def _recorded(
     every: Values = {
         **size, 'truth': found.truth,
         **(found.sensor or {'sensor.frame_period_s': found.period_s})}
+    if found.compressed:
+        every['compressed'] = True
     if found.seed is not None:
         every['seed'] = found.seed
     if conditioned:
@@ -122,10 +128,7 @@ def _recorded(
     if conditioned:
         facts['evaluator'] = _in_pixels(given('evaluator'), settings.binning)
     if options.replay is not None:
-        facts['player'] = {
-            **size, 'bag': str(options.replay.resolve()), 'simulated': found.simulated,
-            'frames_topic': found.frames_topic,
-            'truth_topic': options.truth_topic if found.truth else ''}
+        facts['player'] = _played(options, found) | size
     if not found.simulated:
         facts.setdefault('evaluator', {})['pixels'] = True
         facts.update(_adaptive(options.detectors, given))
@@ -136,6 +139,20 @@ def _recorded(
     return Source(
         name=found.name, node=node, camera=options.camera_topic, frames=found.frames,
         conditioned=conditioned, notes=found.notes, facts=facts)
+
+
+def _played(options: RunOptions, found: RecordedRun) -> Values:
+    """Return what the player publishes."""
+    assert options.replay is not None
+    played: Values = {
+        'bag': str(options.replay.resolve()), 'simulated': found.simulated,
+        'frames_topic': found.frames_topic,
+        'truth_topic': options.truth_topic if found.truth else ''}
+    if options.truth_bag is not None:
+        played |= {'truth_bag': str(options.truth_bag.resolve()), 'truth_topic': _TRUTH[0]}
+    if found.left_out:  # an empty list has no type in a file of parameters
+        played['left_out'] = list(found.left_out)
+    return played
 
 
 def _in_pixels(evaluator: Values, binning: int) -> Values:
@@ -162,8 +179,17 @@ def _is_conditioned(found: RecordedRun, options: RunOptions) -> bool:
     if conditioned and options.camera_topic == f'{graph.CONDITIONED}image_raw':
         raise ValueError(
             f'--camera: a run publishes {options.camera} itself, unless with --condition off')
+    name = options.camera_topic or found.name
     if not conditioned and found.encoding != _DETECTABLE:
         raise ValueError(
-            f'{options.replay or options.camera}: its frames are {found.encoding}, and detectors '
-            f'take {_DETECTABLE}: leave out --condition off')
+            f'{name}: its frames are {found.encoding}, and detectors take {_DETECTABLE}: leave '
+            'out --condition off')
+    if not conditioned and found.blank:
+        raise ValueError(
+            f'{name}: {found.blank} has a pixel that is not a finite number up to 1e9, and '
+            'detectors take none: set --condition on')
+    if conditioned and min(found.rows, found.cols) < _LEAST:
+        raise ValueError(
+            f'{name}: its frames have {found.cols} x {found.rows} pixels, and a conditioner takes '
+            f'at least {_LEAST} x {_LEAST}: stack the lines of several frames into one')
     return conditioned

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
+from collections.abc import Sequence
 from enum import Enum
 
 # So many late messages in a row, each later than the one before, show a clock that was set back;
 # two are enough where the first came so long ago [s]: the frames of a slow camera, or of a source
 # that waits for an answer to each.
 SET_BACK_AFTER, SET_BACK_AFTER_S = 10, 5.0
+
+
+def in_seconds(stamp: int) -> str:
+    """Return a stamp [ns] in seconds, in full."""
+    seconds, nanoseconds = divmod(abs(stamp), 1_000_000_000)
+    return f'{"-" * (stamp < 0)}{seconds}.{nanoseconds:09}'
 
 
 class StampOrder(Enum):
@@ -54,3 +62,29 @@ class Timeline:
 
     def _continue_from(self, stamp: int) -> None:
         self.newest, self._row, self._last_late = stamp, 0, -1
+
+
+def increasing(stamps: Sequence[int]) -> list[int]:
+    """
+    Return the indices of the most stamps of which each is later than the one before.
+
+    Negative stamps are left out.  It is the longest increasing subsequence, in
+    O(n log n): ``ends[k]`` is the smallest last stamp of any such sequence of k + 1.
+    """
+    ends: list[int] = []
+    last: list[int] = []  # index of the last stamp of the sequence of that length
+    before: list[int] = [-1] * len(stamps)
+    for index, stamp in enumerate(stamps):
+        if stamp < 0:
+            continue
+        length = bisect_left(ends, stamp)
+        if length < len(ends) and ends[length] == stamp:  # a repeated stamp: the first one stays
+            continue
+        before[index] = last[length - 1] if length else -1
+        ends[length:length + 1] = [stamp]
+        last[length:length + 1] = [index]
+    found, index = [], last[-1] if last else -1
+    while index >= 0:
+        found.append(index)
+        index = before[index]
+    return found[::-1]

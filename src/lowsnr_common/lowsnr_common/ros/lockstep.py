@@ -6,6 +6,7 @@ from collections.abc import Callable
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
+from lowsnr_common.core.timeline import in_seconds
 from lowsnr_common.ros.managed_node import ManagedNode
 from lowsnr_common.ros.qos import reliable
 from lowsnr_common.ros.run_records import FrameScored
@@ -69,7 +70,7 @@ class Lockstep:
         waited_s = time.monotonic() - self._since_s
         if self._awaited is not None and waited_s > self._patience_s:
             self._node.get_logger().warning(
-                f'the frame of {self._awaited / 1e9:.9g} s was not scored within '
+                f'the frame of {in_seconds(self._awaited)} s was not scored within '
                 f'{self._patience_s:g} s; going on without it')
             self._next()
 

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from lowsnr_bringup.bags.bag_frames import check_type
+from lowsnr_bringup.bags.bag_frames import IMAGE
 from lowsnr_bringup.bags.reader import Bag
 from lowsnr_bringup.bags.recorded_run import ARRAY
 from lowsnr_bringup.bags.recorded_run import CAMERA_INFO
-from lowsnr_bringup.bags.recorded_run import check_type
-from lowsnr_bringup.bags.recorded_run import IMAGE
 from lowsnr_bringup.bags.recorded_run import recorded_frames_topic
 from lowsnr_bringup.bags.recorded_run import recorded_parameters
 from lowsnr_bringup.plan import graph
@@ -73,7 +73,7 @@ def find_chains(
         f'/{name}' if evaluator.get('namespaces') else '': name
         for name in evaluator.get('detectors', ())})
     if truth_topic is not None:
-        check_type(bag, truth_topic, ARRAY, '--truth-topic')
+        check_type(bag, truth_topic, (ARRAY,), '--truth-topic')
     truth_topic = truth_topic or f'/{TRUTH}'
     truth = bag.topics.get(truth_topic) == ARRAY
     if not truth and not any(bag.topics.get(f'{space}/{_LEVELS[0]}') == ARRAY for space in names):

@@ -10,6 +10,7 @@ from lowsnr_bringup.run.frame_ledger import FrameLedger
 from lowsnr_bringup.run.growing_file import WriteFault
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.core.records import Truth
+from lowsnr_common.core.timeline import in_seconds
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.node_settings import RunSettings
 from lowsnr_eval.scoring.entry_tables import EntryTables
@@ -133,7 +134,7 @@ class RunScorer:
         truth = frame.answer(TRUTH) if self._truth else None
         if truth is None and self._truth:
             self._reject(
-                f'the truth of the frame of {frame.stamp / 1e9:.9g} s did not arrive', NO_TRUTH)
+                f'the truth of the frame of {in_seconds(frame.stamp)} s did not arrive', NO_TRUTH)
             return None
         self.number += 1
         answers = {name: self._answer(frame, *topics) for name, topics in self._chains.items()}
