@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from collections.abc import Mapping
+from collections.abc import Sequence
 import math
 from pathlib import Path
 from typing import Any
@@ -68,8 +70,7 @@ class EntryTables:
             for file, entries in ((detections, answer.detections), (tracks, answer.tracks)):
                 if entries:
                     file.append(rows.as_lines(
-                        entry_row(frame, stamp, name, item, self._cell_size_m)
-                        for item in entries))
+                        entry_rows(frame, stamp, name, entries, self._cell_size_m)))
 
     def flush(self) -> WriteFault | None:
         """Write what waits for room, recreate what was removed; return what prevents it."""
@@ -87,18 +88,20 @@ class EntryTables:
             file.close()
 
 
-def entry_row(
-    frame: int, stamp: int, detector: str, item: Estimate, cell_size_m: float,
-) -> list[Any]:
-    """Return the fields of an entry of a frame with a stamp [ns]."""
+def entry_rows(
+    frame: int, stamp: int, detector: str, entries: Sequence[Estimate], cell_size_m: float,
+) -> Iterator[list[Any]]:
+    """Yield the fields of each entry of a frame with a stamp [ns]."""
+    states = np.array([item.state for item in entries])
+    variances = np.array([np.diagonal(item.cov) for item in entries])
     with np.errstate(invalid='ignore'):  # a negative variance has no root
-        deviations = np.sqrt(np.diag(item.cov))
-    values = np.concatenate(
-        [item.state[POS], item.state[VEL], deviations[POS], deviations[VEL]]) / cell_size_m
-    return [
-        frame, f'{stamp // 1_000_000_000}.{stamp % 1_000_000_000:09d}', detector,
-        rows.id_field([item.id]) if item.id else '', *map(_text, values.tolist()),
-        _text(item.score)]
+        deviations = np.sqrt(variances)
+    order = [*POS, *VEL]
+    values = np.hstack([states[:, order], deviations[:, order]]) / cell_size_m
+    first = [frame, f'{stamp // 1_000_000_000}.{stamp % 1_000_000_000:09d}', detector]
+    for item, own in zip(entries, values.tolist()):
+        name = rows.id_field([item.id]) if item.id else ''
+        yield [*first, name, *map(_text, own), _text(item.score)]
 
 
 def _text(value: float) -> str:
