@@ -17,6 +17,7 @@ from _arguments import USAGE
 import _environment
 from _film_arguments import films
 from _run_arguments import parse_arguments
+from ros2 import line_to_copy
 
 if TYPE_CHECKING:
     from lowsnr_bringup.bags.recorded_run import RecordedRun
@@ -57,6 +58,8 @@ def plan_and_run(
             if options.secure is not None:
                 secure(options.secure, [node.path for node in plan.nodes])
             folder = fresh_folder(options.results or ROOT / 'results' / plan.name)
+            space = next(iter(plan.detectors)).rpartition('/')[0]
+            line = line_to_copy('topic', 'echo', f'{space}/tracks')  # before the nodes' profile
             write_parameters(plan, folder)
         except (OSError, ValueError) as error:
             say(str(error))
@@ -64,6 +67,8 @@ def plan_and_run(
         for note in (*made, *plan.notes):
             say(note)
         calibrate(plan)
+        if plan.frames is None:
+            print(f'to see the tracks, in another terminal:\n{line}', flush=True)
         return run(plan, folder, stop, server, claim.fileno())
 
 

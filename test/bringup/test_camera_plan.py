@@ -2,7 +2,6 @@
 
 from functools import partial
 from pathlib import Path
-import sys
 
 import calibrate
 from lowsnr_bringup.bags.recorded_run import RecordedRun
@@ -81,9 +80,10 @@ def test_calibration_that_is_at_hand_is_used_at_any_frame_period(tmp_path, monke
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
     monkeypatch.setattr(
         operating_point, 'simulate_curve', partial(simulate_curve, frames=3, runs=4))
-    monkeypatch.setattr(sys, 'argv', [
-        'calibrate.py', '--detector', 'hmm', '--snr', '6', '--rows', '15', '--cols', '24'])
-    assert calibrate.main() == 0
+    options = calibrate.parse_arguments(
+        ['--detector', 'hmm', '--snr', '6', '--rows', '15', '--cols', '24'])
+    for case in calibrate.planned(options, *options.snr, *options.false_alarm_prob):
+        calibrate.calibrate_detector(*case, print)
     made = sorted(tmp_path.rglob('*.json'))
     assert len(made) == 1
     for period_s in (0.04, 0.0333, 0.03334, 1.0, 60.0):

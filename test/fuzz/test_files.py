@@ -27,6 +27,7 @@ from lowsnr_common.settings.node_settings import RunSettings
 from lowsnr_eval.report import figures
 from lowsnr_eval.report import html_page as pages
 from lowsnr_eval.report.run_report import write_run_report
+from lowsnr_eval.scoring.entry_tables import EntryTables
 from lowsnr_eval.scoring.final_summary import summarize
 from lowsnr_eval.scoring.final_summary import write_summary
 from lowsnr_eval.scoring.frame_scoring import Answer
@@ -125,13 +126,14 @@ def test_table_of_truth_is_read_or_rejected(place, data):
 def write_results(folder, name='object'):
     """Write the results of a run of a few frames."""
     with closing(ScoreTables(folder, ['sdt'])) as tables, closing(
-            SceneWriter(folder, 1.0)) as scene:
+            EntryTables(folder, 1.0)) as entries, closing(SceneWriter(folder, 1.0)) as scene:
         for k in range(1, 5):
             state = np.array([k, 0.5, 2.0, 0.0])
             found = [Estimate(state, np.eye(4), 0.9, name)]
             truth, answers = [Truth(name, state)], {'sdt': Answer(found, found, 1.0, 1.0)}
             scene.add_frame(k, np.full(SHAPE, float(k)))
             scene.add_answers(k, k, truth, answers)
+            entries.add(k, k, answers)
             tables.add(score_frame(k, float(k), truth, answers, Evaluation()), answers)
     write_summary(folder, summarize(
         folder, RunSettings(scenario=name), Evaluation(), 0, Account()))

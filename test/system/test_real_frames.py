@@ -15,6 +15,7 @@ from graph_runs import own_domain
 from graph_runs import start_bringup
 from lowsnr_bringup.bags.reader import Bag
 from lowsnr_common.ros import messages
+from lowsnr_eval.scoring.scene import read_scene
 import numpy as np
 import pytest
 
@@ -55,6 +56,14 @@ def replayed(tmp_path):
         # Whatever the conditioner does inside, answers are about the frame of their header.
         assert {message.header.frame_id for topic in ('/tracks', '/camera_motion')
                 for message in answers[topic]} == {answers['/image_raw'][0].header.frame_id}
+        # The report has each frame beside its conditioned cells, of two pixels a side.
+        lines, frames, cells = read_scene(tmp_path / 'run')
+        assert len(lines) == len(data['frames'])
+        for line, frame, plane in zip(lines, frames, cells):
+            assert frame.shape == data['frames'][0].shape
+            assert plane.shape == (frame.shape[0] // 2, frame.shape[1] // 2)
+            assert line['cells']['side'] == 2
+        assert replay.summary()['detectors'][detector]['pfa_asked'] == 0.01
         return data, answers, replay.summary()
     return run
 

@@ -74,10 +74,10 @@ def open_fits(path: Path, select: str | None = None) -> FrameSource:
         absolute=timed, start_ns=units[0].time_ns)
     if not timed and source.start_ns is not None and source.count != 1:
         source.notes.append(
-            f'{path}: its header has the time of the first frame only; --period states the time '
-            'between frames')
+            'its header has the time of the first frame only; --period states the time between '
+            'frames')
     if any(unit.planes == _COLOURS and unit.plane_s is None for unit in units):
-        source.notes.append(f'{path}: its 3 planes are taken as 3 frames, not as 3 colours')
+        source.notes.append('its 3 planes are taken as 3 frames, not as 3 colours')
     return source
 
 

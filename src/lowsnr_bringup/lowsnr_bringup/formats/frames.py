@@ -58,7 +58,7 @@ class FrameSource:
     truth : (T, 2) ndarray or None
         x (column), y (row) of the object [pixels], NaN where it is absent.
     notes : list of str
-        What a user should know; complete once all frames are read.
+        What a user should know, without the path; complete once all frames are read.
 
     """
 

@@ -132,9 +132,20 @@ def _in_order(path: Path, sources: list[FrameSource]) -> list[FrameSource]:
     if dated:
         lacking = next(source.path for source in sources if source.start_ns is None)
         sources[0].notes.append(
-            f'{path}: {len(sources) - len(dated)} of {len(sources)} files have no time '
-            f'({lacking.name}); the files are taken in the order of their names')
+            f'{len(sources) - len(dated)} of {len(sources)} files have no time ({lacking.name}); '
+            'the files are taken in the order of their names')
     return sources
+
+
+def _notes(sources: list[FrameSource]) -> Iterator[str]:
+    """Yield what is to be said of the files, each sentence once."""
+    files: dict[str, list[Path]] = {}
+    for source in sources:
+        for note in source.notes:
+            files.setdefault(note, []).append(source.path)
+    for note, paths in files.items():
+        more = f' (and {len(paths) - 1} more files)' * (len(paths) > 1)
+        yield f'{paths[0]}{more}: {note}'
 
 
 def _reader(path: Path, sources: list[FrameSource]) -> FrameReader:
@@ -152,8 +163,8 @@ def _reader(path: Path, sources: list[FrameSource]) -> FrameReader:
                 yield TimedFrame(
                     storing.storable(frame.pixels, source.path, where),
                     frame.time_ns if timed else None)
-            notes.extend(note for note in source.notes if note not in notes)
         storing.end(path)
+        notes.extend(note for note in _notes(sources) if note not in notes)
 
     first = next(frames(), None)
     if first is None:

@@ -187,7 +187,7 @@ def open_npz(path: Path, select: str | None = None) -> FrameSource:
     if times_s is not None and len(times_s) > 1:
         source.period_s = float(np.median(np.diff(times_s)))
     if archive.unused:
-        source.notes.append(f'{path}: not used: {", ".join(archive.unused)}')
+        source.notes.append(f'not used: {", ".join(archive.unused)}')
     return source
 
 

@@ -63,7 +63,7 @@ def open_ser(path: Path, select: str | None = None) -> FrameSource:
         source.absolute, source.start_ns = True, int(times_ns[0])
     elif len(ticks):
         source.notes.append(
-            f'{path}: its stamps do not increase from each frame to the next and are not used')
+            'its stamps do not increase from each frame to the next and are not used')
     source.frames = lambda: _frames(path, film, kind, times_ns)
     return source
 

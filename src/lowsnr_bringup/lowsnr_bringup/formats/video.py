@@ -56,7 +56,7 @@ def _counted(
         count, last_ns = count + 1, frame.time_ns or 0
         yield frame
     came = max(count, round(last_ns / 1e9 / source.period_s) + 1 if source.period_s else 0)
-    note = f'{source.path}: declares {declared} frames and holds {count}: it is cut off'
+    note = f'declares {declared} frames and holds {count}: it is cut off'
     if came < declared and note not in source.notes:
         source.notes.append(note)
 

@@ -13,6 +13,8 @@ from lowsnr_common.core.records import AlarmRate
 
 FRAMES_FILE = 'frames.csv'
 LATENCY_FILE = 'latency.csv'
+DETECTIONS_FILE = 'detections.csv'
+TRACKS_FILE = 'tracks.csv'
 SUMMARY_FILE = 'summary.json'
 PARAMETERS_FILE = 'parameters.yaml'
 RESTARTS_FILE = 'restarts.csv'

@@ -22,6 +22,7 @@ from lowsnr_sensor.conditioning.registration import is_better
 from lowsnr_sensor.conditioning.registration import phase_correlation
 from lowsnr_sensor.conditioning.registration import refine
 from lowsnr_sensor.conditioning.registration import Sample
+from lowsnr_sensor.conditioning.registration import spectrum
 from lowsnr_sensor.conditioning.state import ConditionerState
 import numpy as np
 
@@ -67,7 +68,8 @@ class FrameFit:
     ``position`` is the place of the image in the planes, ``change`` what changed as a whole,
     ``floor`` the least noise of a pixel; ``local`` is a first estimate of the variance of the
     surroundings; ``codec`` and ``moved`` go into the state; with ``cut`` it is another scene.
-    ``ratio`` is what is left in units of the expected noise ``spread``, at every few pixels.
+    ``ratio`` is what is left in units of the expected noise ``spread``, at every few pixels;
+    ``spectrum`` that of the frame, if it was needed.
     """
 
     position: tuple[float, float]
@@ -79,6 +81,7 @@ class FrameFit:
     cut: bool
     ratio: np.ndarray
     spread: np.ndarray
+    spectrum: np.ndarray | None
 
 
 def without_content(state: ConditionerState, frame: np.ndarray, values: np.ndarray) -> str:
@@ -110,13 +113,13 @@ def fit_frame(
     """Return the best description of a frame by the background of the state."""
     assert state.planes is not None
     sample, still, local, floor = _first_look(settings, state, values, integer)
-    unusual, best = _is_unusual(state, sample, still), still
+    unusual, best, known = _is_unusual(state, sample, still), still, None
     if settings.registration and (unusual or state.moved < _STILL_AFTER):
-        best = _registered(state, values, sample, still)
+        known = spectrum(values)
+        best = _registered(state, known, sample, still)
     if unusual and _is_unusual(state, sample, best):
         best = _scaled(sample, state.planes, best)
-    moved = best.position != state.position
-    codec = state.codec
+    codec, moved = state.codec, state.moved + 1 if best.position == state.position else 0
     if integer:
         codec += (looks_coded(state, values, best.position, sample.step) - codec) / min(
             state.frames, _SLOW)
@@ -132,7 +135,7 @@ def fit_frame(
         state, sample, frame_change.mean_square(best.residual / spread))
     return FrameFit(
         best.position, Change(best.gain, best.offset, wide=wide), floor, local, codec,
-        0 if moved else state.moved + 1, cut, rest / spread, spread)
+        moved, cut, rest / spread, spread, known)
 
 
 def _is_unusual(state: ConditionerState, sample: Sample, fit: Fit) -> bool:
@@ -197,12 +200,13 @@ def _with_first_noise(
 
 
 def _registered(
-    state: ConditionerState, values: np.ndarray, sample: Sample, still: Fit,
+    state: ConditionerState, now: np.ndarray, sample: Sample, still: Fit,
 ) -> Fit:
-    """Return the fit at another position if it is better by far."""
+    """Return the fit at another position if it is better by far; ``now`` is the spectrum."""
     assert state.planes is not None
     planes = state.planes
-    down, right, response = phase_correlation(values, state.previous)
+    past = spectrum(state.previous) if state.spectrum is None else state.spectrum
+    down, right, response = phase_correlation(now, past, state.shape)
     there = (state.position[0] + down, state.position[1] + right)
     starts = [still]
     if response > _RESPONSE or max(abs(down), abs(right)) <= _NEAR_PX:

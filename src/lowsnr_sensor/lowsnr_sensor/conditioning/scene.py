@@ -34,6 +34,7 @@ def follow(
     """
     state = replace(
         state, position=fit.position, codec=fit.codec, moved=fit.moved,
+        spectrum=fit.spectrum,
         local=fit.local if not state.local.any() else state.local)
     if max(abs(place) for place in fit.position) <= slack:
         return state, (0, 0)

@@ -23,6 +23,8 @@ class ConditionerState:
         Variance of the surroundings; zeros before the second frame.
     previous : (rows, cols) ndarray
         The frame before.
+    spectrum
+        Spectrum of that frame for the registration; None if it was not needed.
     position
         Row and column of the image in the planes [pixels].
     origin
@@ -56,6 +58,7 @@ class ConditionerState:
     before: np.ndarray
     trace: np.ndarray
     cell_variance: np.ndarray
+    spectrum: np.ndarray | None = None
     position: tuple[float, float] = (0.0, 0.0)
     origin: tuple[int, int] = (0, 0)
     frames: int = 0
