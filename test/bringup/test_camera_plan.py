@@ -170,6 +170,18 @@ def test_encoding_that_detectors_cannot_read_is_refused_without_a_conditioner():
     assert str(caught.value).startswith(f'{TOPIC}: ')
 
 
+@pytest.mark.parametrize(('seen', 'condition', 'part'), [
+    ({'blank': 'frame 3'}, 'off', 'frame 3'), ({'rows': 1}, 'on', '9 x 1'),
+    ({'cols': 1}, 'auto', '1 x 9')])
+def test_frames_that_every_node_would_reject_are_refused(seen, condition, part):
+    values = {'name': 'a', 'frames': 0, 'rows': 9, 'cols': 9, 'period_s': 1.0, 'truth': False}
+    found = RecordedRun(**values | {'raw': True} | seen)
+    options = RunOptions(detectors=['sdt'], scenario='a', camera=TOPIC, condition=condition)
+    with pytest.raises(ValueError, match=part) as caught:
+        plan_run(options, CONFIG, lambda _: found)
+    assert str(caught.value).startswith(f'{TOPIC}: ')
+
+
 def test_topic_of_the_run_itself_is_no_camera():
     own = RecordedRun('a', 0, 9, 9, 1.0, truth=False, raw=True)
     options = {'detectors': ['sdt'], 'scenario': 'a', 'camera': '/conditioned/image_raw'}

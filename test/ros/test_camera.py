@@ -80,6 +80,18 @@ def test_camera_may_send_pixels_without_a_value(camera):
     assert inspect_camera(TOPIC, 60.0).encoding == '32FC1'
 
 
+@pytest.mark.parametrize('value', [np.nan, 2e9, 1e9])
+def test_frames_with_a_pixel_without_value_are_seen(camera, value):
+    message = image(0.0, '32FC1')
+    message.data = np.full((3, 5), value, 'f4').tobytes()
+
+    def make(k):
+        message.header.stamp = stamp_from_seconds(0.04 * k)
+        return message
+    camera(make)
+    assert bool(inspect_camera(TOPIC, 60.0).blank) == (value != 1e9)
+
+
 def test_compressed_camera_is_seen_as_what_it_is_unpacked_to(camera):
     data = cv2.imencode('.png', np.full((3, 5), 1000, np.uint16))[1].tobytes()
     camera(lambda k: CompressedImage(

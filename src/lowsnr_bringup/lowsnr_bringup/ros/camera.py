@@ -15,6 +15,8 @@ from lowsnr_bringup.ros.bringup_node import bringup_node
 from lowsnr_bringup.run.middleware import middleware_environment
 from lowsnr_common.core.records import Malformed
 from lowsnr_common.core.timeline import in_seconds
+from lowsnr_common.images.image_encodings import is_whole
+from lowsnr_common.images.image_encodings import numbers_of
 from lowsnr_common.ros.connections import input_faults
 from lowsnr_common.ros.connections import name_of
 from lowsnr_common.ros.connections import OTHER_TYPE
@@ -163,6 +165,8 @@ def _described(topic: str, images: list[Any]) -> RecordedRun:
             f'({", ".join(in_seconds(stamp) for stamp in stamps_ns)} s): set up the camera '
             'to stamp each frame')
     rows, cols = shapes.pop()
+    blank = any(not is_whole(numbers_of(image)) for image in images)
     return RecordedRun(
         name=topic.strip('/'), frames=0, rows=rows, cols=cols, period_s=period_s, truth=False,
-        raw=True, encoding=images[-1].encoding, compressed=compressed)
+        raw=True, encoding=images[-1].encoding, compressed=compressed,
+        blank='one of its first frames' * blank)
