@@ -12,7 +12,7 @@ import pytest
 import tifffile
 
 MIB = 2**20
-FRAMES, SHAPE = 48, (1024, 1024)
+FRAMES, SHAPE = 24, (1024, 1024)
 
 
 def write(path, frames):

@@ -3,7 +3,9 @@
 import gzip
 import io
 import json
+from pathlib import Path
 import struct
+from tempfile import TemporaryDirectory
 
 from astropy.io import fits
 import av
@@ -12,11 +14,15 @@ from fuzz.counting import fuzz
 from fuzz.counting import tried
 from fuzz.strategies import damaged
 from hypothesis import strategies as st
+from lowsnr_bringup.bags.recorded_run import inspect_bag
 from lowsnr_bringup.formats.image_files import open_frames
 from lowsnr_bringup.truth.forms import read_truth
 from lowsnr_bringup.truth.frame_index import FrameIndex
 import numpy as np
 import pytest
+from rosbags.rosbag1 import Writer
+from rosbags.typesys import get_typestore
+from rosbags.typesys import Stores
 import tifffile
 
 pytestmark = pytest.mark.filterwarnings('ignore::RuntimeWarning', 'ignore::UserWarning')
@@ -70,12 +76,35 @@ TRUTH = {
     'table': b'time;u;v\n0,5;1;2\n2026-01-01T00:00:00;3;4\n'}
 
 
+def ros1_bag(compression=None):
+    """Return a bag of ROS 1 of these frames."""
+    store = get_typestore(Stores.ROS1_NOETIC)
+    time, header, image = (store.types[name] for name in (
+        'builtin_interfaces/msg/Time', 'std_msgs/msg/Header', 'sensor_msgs/msg/Image'))
+    with TemporaryDirectory() as folder:
+        writer = Writer(Path(folder) / 'a.bag')
+        if compression:
+            writer.set_compression(compression)
+        with writer:
+            topic = writer.add_connection('/image_raw', image.__msgtype__, typestore=store)
+            for k, frame in enumerate(FRAMES, start=1):
+                writer.write(topic, k, store.serialize_ros1(image(
+                    header(k, time(k, 0), ''), 12, 16, 'mono16', 0, 32,
+                    frame.view('u1').ravel()), image.__msgtype__))
+        return (Path(folder) / 'a.bag').read_bytes()
+
+
 def read(path):
     """Read all frames with their stamps."""
     for frame, stamp_ns in open_frames(path).stamped():
         assert frame.ndim == 2
         assert frame.dtype in (np.uint8, np.uint16, np.float32)
         assert stamp_ns > 0
+
+
+ROS1 = {
+    'plain': ros1_bag(), 'bz2': ros1_bag(Writer.CompressionFormat.BZ2),
+    'lz4': ros1_bag(Writer.CompressionFormat.LZ4)}
 
 
 @fuzz('films', 600, name=st.sampled_from(sorted(FILMS)), data=st.data())
@@ -90,6 +119,13 @@ def test_compressed_image_is_read_or_rejected(place, way, data):
     path = place / 'a.fits'
     path.write_bytes(data.draw(damaged(PACKED[way])))
     tried(path, read, path)
+
+
+@fuzz('bags of ROS 1', 200, name=st.sampled_from(sorted(ROS1)), data=st.data())
+def test_bag_of_ros_1_is_read_or_rejected(place, name, data):
+    path = place / 'a.bag'
+    path.write_bytes(data.draw(damaged(ROS1[name])))
+    tried(path, inspect_bag, path, None, '/ground_truth')
 
 
 @fuzz('truth of several forms', 300, form=st.sampled_from(sorted(TRUTH)), data=st.data())
