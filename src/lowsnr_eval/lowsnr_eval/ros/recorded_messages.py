@@ -16,6 +16,7 @@ from lowsnr_common.ros.images import image_to_array
 from lowsnr_eval.scoring.recorded_chains import RecordedChains
 from lowsnr_eval.scoring.run_scoring import RunScorer
 from lowsnr_eval.scoring.scene import SceneWriter
+import numpy as np
 
 
 def score_bag(bag: Bag, chains: RecordedChains, scorer: RunScorer) -> None:
@@ -60,15 +61,18 @@ class _Pictures:
     def __init__(self, bag: Bag, chains: RecordedChains, scene: SceneWriter) -> None:
         self._frames_topic, self._scene = chains.frames_topic, scene
         self.topics = {chains.frames_topic, *chains.cells_topics}
-        is_packed = bag.topics.get(chains.frames_topic) == COMPRESSED
-        self._array_of = decode_compressed if is_packed else image_to_array
         self._maps: dict[int, FrameMap] = {}
 
     def add(self, topic: str, stamp: int, message: Any) -> None:
         """Add a message of a topic; Malformed for one that cannot be used."""
         if topic == self._frames_topic:
-            self._scene.add_frame(stamp, self._array_of(message))
+            self._scene.add_frame(stamp, _pixels(message))
         elif topic.endswith('camera_info'):
             self._maps[stamp] = info_to_map(message)
         elif where := self._maps.pop(stamp, None):
             self._scene.add_cells(stamp, image_to_array(message), where)
+
+
+def _pixels(image: Any) -> np.ndarray:
+    """Return the pixels of an image, compressed or not."""
+    return decode_compressed(image) if hasattr(image, 'format') else image_to_array(image)
