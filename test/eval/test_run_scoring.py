@@ -118,7 +118,7 @@ def test_frame_without_its_truth_is_rejected_with_a_reason(scorer):
     assert [scored.stamp for scored in one.score()] == [2 * SECOND]
     (sentence, reason), = one.rejected
     assert reason == NO_TRUTH
-    assert ' 1 s ' in sentence
+    assert ' 1.000000000 s ' in sentence
 
 
 def test_frame_that_waited_too_long_is_unanswered(scorer, tmp_path):

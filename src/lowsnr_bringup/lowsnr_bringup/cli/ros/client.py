@@ -18,6 +18,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
 
 _STEP_S = 0.1
+_EVERY_NODES, _UNNAMED = ('/rosout', '/parameter_events'), '_NODE_NAME_UNKNOWN_'
 # A name that was asked for is waited for, and the graph may change, this many times longer than
 # it must stand still to be known.
 _LONGEST = 10
@@ -27,9 +28,9 @@ _ANSWER_WITHIN_S, _ASKED = 5.0, 3
 def add_graph_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of every verb that looks at the graph."""
     parser.add_argument(
-        '--spin-time', type=float, default=0.5, metavar='SPIN_TIME',
+        '--spin-time', type=float, default=1.0, metavar='SPIN_TIME',
         help='the graph is known when nothing new was discovered for this time [s] (default: '
-        '0.5); a name is waited for ten times as long')
+        '1.0); a name is waited for ten times as long')
     parser.add_argument(
         '-s', '--use-sim-time', action='store_true', help='take the time from /clock')
     parser.add_argument(
@@ -54,16 +55,22 @@ class Client:
         return True
 
     def discover(self) -> None:
-        """Wait until nothing new has been discovered for a while."""
-        def known() -> Any:
-            return (sorted(self.node.get_node_names_and_namespaces()),
-                    sorted(self.node.get_topic_names_and_types()),
-                    sorted(self.node.get_service_names_and_types()))
-
+        """Wait until nothing new has been discovered for a while, and all nodes have names."""
         until = time.monotonic() + _LONGEST * self._quiet_s
-        before = None
-        while before != (before := known()) and time.monotonic() < until:
-            self.spin_until(lambda: known() != before, self._quiet_s)
+        before: Any = None
+        while (before != (before := self._known()) or self._has_unnamed()) and (
+                time.monotonic() < until):
+            self.spin_until(lambda: self._known() != before, self._quiet_s)
+
+    def _known(self) -> Any:
+        return (sorted(self.node.get_node_names_and_namespaces()),
+                sorted(self.node.get_topic_names_and_types()),
+                sorted(self.node.get_service_names_and_types()))
+
+    def _has_unnamed(self) -> bool:
+        """Return whether an endpoint was discovered before the name of its node."""
+        return any(_UNNAMED in (each.node_name, each.node_namespace) for topic in _EVERY_NODES
+                   for each in self.node.get_publishers_info_by_topic(topic))
 
     def appears(self, done: Callable[[], bool]) -> bool:
         """Wait until something that was asked for has been discovered; return whether it was."""
