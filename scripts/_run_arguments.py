@@ -5,6 +5,8 @@ from pathlib import Path
 
 from _arguments import number
 from _arguments import Parser
+from _film_arguments import add_film
+from _film_arguments import add_truth
 
 
 def parse_arguments(arguments: list[str]) -> argparse.Namespace:
@@ -32,7 +34,8 @@ def add_frames(parser: argparse.ArgumentParser) -> None:
         help='simulate a scenario: a file of config/scenarios without .yaml, or a path '
         '(default: example4)')
     frames.add_argument(
-        '--replay', type=Path, metavar='BAG', help='take the frames and the truth from a bag')
+        '--replay', type=Path, metavar='BAG|FILE',
+        help='take the frames and the truth from a bag, or from files as convert.py does')
     frames.add_argument(
         '--camera', metavar='TOPIC',
         help='take the frames from a live camera, such as /camera/image_raw, until Ctrl-C')
@@ -65,6 +68,8 @@ def add_recorded_frames(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--truth-topic', default='/ground_truth', metavar='TOPIC',
         help='topic of the truth in the bag, if it has any (default: /ground_truth)')
+    add_film(parser)
+    add_truth(parser)
     parser.add_argument(
         '--condition', choices=('auto', 'on', 'off'), default='auto',
         help='whether a conditioner subtracts the background and evens out the noise of the '

@@ -80,6 +80,12 @@ def forget() -> None:
         STAMP.unlink()
 
 
+def give_ros2() -> None:
+    """Give ``.venv`` the command ros2 of this checkout."""
+    with contextlib.suppress(OSError):  # it has one, or nothing may be written
+        (VENV / 'bin' / 'ros2').symlink_to(ROOT / 'scripts' / 'ros2.py')
+
+
 def _contents() -> 'set[str]':
     """Return what ``.venv`` holds; nothing if it was made from other files."""
     try:

@@ -9,12 +9,15 @@ from pathlib import Path
 import shlex
 import shutil
 import sys
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from _arguments import INTERRUPTED
 from _arguments import USAGE
 import _environment
+from _film_arguments import films
 from _run_arguments import parse_arguments
+from ros2 import line_to_copy
 
 if TYPE_CHECKING:
     from lowsnr_bringup.bags.recorded_run import RecordedRun
@@ -36,7 +39,8 @@ def main() -> int:
     set_environment(options)
     from lowsnr_bringup.run.forked_nodes import NodeServer
     from lowsnr_bringup.run.stop_signals import StopSignals
-    with StopSignals() as stop, NodeServer() as server:
+    real = ['lowsnr_sensor.conditioner_node'] if options.camera or options.replay else []
+    with StopSignals() as stop, NodeServer(real) as server:
         return plan_and_run(options, stop, server)
 
 
@@ -48,18 +52,23 @@ def plan_and_run(
     from lowsnr_bringup.run.results_folder import fresh_folder
     with ExitStack() as stack:
         try:
+            made = films(options, Path(stack.enter_context(TemporaryDirectory())))
             plan = plan_of(options)
             claim = stack.enter_context(claim_domain())
             if options.secure is not None:
                 secure(options.secure, [node.path for node in plan.nodes])
             folder = fresh_folder(options.results or ROOT / 'results' / plan.name)
+            space = next(iter(plan.detectors)).rpartition('/')[0]
+            line = line_to_copy('topic', 'echo', f'{space}/tracks')  # before the nodes' profile
             write_parameters(plan, folder)
         except (OSError, ValueError) as error:
             say(str(error))
             return USAGE
-        for note in plan.notes:
+        for note in (*made, *plan.notes):
             say(note)
         calibrate(plan)
+        if plan.frames is None:
+            print(f'to see the tracks, in another terminal:\n{line}', flush=True)
         return run(plan, folder, stop, server, claim.fileno())
 
 

@@ -1,11 +1,14 @@
 """Score a recorded run against its truth, or complete the results of a run that was killed."""
 
 import argparse
+from collections.abc import Iterator
 from contextlib import closing
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 import shlex
 import sys
+from tempfile import TemporaryDirectory
 from typing import Any
 from typing import TYPE_CHECKING
 
@@ -16,6 +19,8 @@ import _environment
 
 if TYPE_CHECKING:
     from lowsnr_bringup.bags.reader import Bag
+    from lowsnr_bringup.run.frame_ledger import FrameLedger
+    from lowsnr_eval.scoring.recorded_chains import RecordedChains
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'config'
@@ -42,6 +47,10 @@ def parse_arguments(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument(
         '--truth-topic', metavar='TOPIC',
         help='topic of the truth (default: /ground_truth)')
+    parser.add_argument(
+        '--export', type=Path, metavar='DIR',
+        help='write what was declared, detections.csv and tracks.csv, into this folder, and '
+        'nothing else')
     return parser.parse_args(arguments)
 
 
@@ -49,22 +58,21 @@ def main() -> int:
     """Score; return the exit code."""
     _environment.ensure()
     options = parse_arguments(sys.argv[1:])
-    from lowsnr_bringup.bags.reader import Bag
     from lowsnr_bringup.run.results_folder import FRAMES_FILE
     from lowsnr_common.settings.text import one_line
     from lowsnr_eval.scoring.final_summary import missing_frames
     from lowsnr_eval.scoring.final_summary import summarize_folder
     try:
+        if options.export is not None:
+            export(options)
+            return DONE
         if (options.bag / FRAMES_FILE).is_file():
             folder = options.bag
             if options.results or options.frames_topic or options.truth_topic:
                 raise ValueError(f'{folder}: is a results folder; options are for bags')
             summary = summarize_folder(folder)
         else:
-            with Bag(options.bag) as bag:
-                folder, summary = score(bag, options)
-                for note in bag.notes:
-                    print(f'evaluate.py: {note}', file=sys.stderr)
+            folder, summary = score(options)
     except (OSError, ValueError) as error:
         print(f'evaluate.py: {one_line(error)}', file=sys.stderr)
         return USAGE
@@ -75,32 +83,70 @@ def main() -> int:
     return FAILED if missing else DONE
 
 
-def score(bag: 'Bag', options: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
+def score(options: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
     """Score a bag; return the folder of the results, and their summary."""
     from lowsnr_bringup.bags.recording import CUSTOM_PARAMETERS
-    from lowsnr_bringup.plan.config_files import load_config
     from lowsnr_bringup.run.results_folder import Account
     from lowsnr_bringup.run.results_folder import fresh_folder
     from lowsnr_bringup.run.results_folder import PARAMETERS_FILE
-    from lowsnr_eval.ros.recorded_messages import score_bag
     from lowsnr_eval.scoring.final_summary import summarize
     from lowsnr_eval.scoring.final_summary import write_summary
-    from lowsnr_eval.scoring.recorded_chains import find_chains
-    from lowsnr_eval.scoring.run_scoring import RunScorer
 
-    chains = find_chains(bag, load_config(CONFIG), options.frames_topic, options.truth_topic)
-    folder = fresh_folder(
-        options.results or ROOT / 'results' / f'{options.bag.resolve().stem}-evaluated')
-    run = replace(chains.run, results=str(folder))
-    if CUSTOM_PARAMETERS in bag.custom:
-        (folder / PARAMETERS_FILE).write_text(bag.custom[CUSTOM_PARAMETERS], encoding='utf-8')
-    scorer = RunScorer(run, chains.evaluation, lambda sentence, _: bag.notes.append(sentence))
-    with closing(scorer):
-        score_bag(bag, chains, scorer)
-    summary = summarize(
-        folder, run, chains.evaluation, chains.seed, Account(scorer.ledger))
+    with chains_of(options) as (bag, chains):
+        folder = fresh_folder(
+            options.results or ROOT / 'results' / f'{options.bag.resolve().stem}-evaluated')
+        if CUSTOM_PARAMETERS in bag.custom:
+            (folder / PARAMETERS_FILE).write_text(bag.custom[CUSTOM_PARAMETERS], encoding='utf-8')
+        ledger = write_tables(bag, chains, folder)
+    summary = summarize(folder, replace(chains.run, results=str(folder)), chains.evaluation,
+                        chains.seed, Account(ledger))
     write_summary(folder, summary)
     return folder, summary
+
+
+def export(options: argparse.Namespace) -> None:
+    """Write the detections and tracks of a bag into a folder that has no such tables yet."""
+    from lowsnr_bringup.run.results_folder import DETECTIONS_FILE
+    from lowsnr_bringup.run.results_folder import TRACKS_FILE
+
+    tables = [options.export / name for name in (DETECTIONS_FILE, TRACKS_FILE)]
+    for path in tables:
+        if path.exists():
+            raise ValueError(f'{path}: is there already: remove it, or choose another --export')
+    with chains_of(options) as (bag, chains):
+        options.export.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(dir=options.export) as place:
+            write_tables(bag, chains, Path(place))
+            for path in tables:
+                (Path(place) / path.name).rename(path)
+                print(f'wrote {path}')
+
+
+@contextmanager
+def chains_of(options: argparse.Namespace) -> 'Iterator[tuple[Bag, RecordedChains]]':
+    """Open the bag, and find its chains; print at the end what is wrong with it."""
+    from lowsnr_bringup.bags.reader import Bag
+    from lowsnr_bringup.plan.config_files import load_config
+    from lowsnr_eval.scoring.recorded_chains import find_chains
+
+    with Bag(options.bag) as bag:
+        yield bag, find_chains(
+            bag, load_config(CONFIG), options.frames_topic, options.truth_topic)
+        for note in bag.notes:
+            print(f'evaluate.py: {note}', file=sys.stderr)
+
+
+def write_tables(bag: 'Bag', chains: 'RecordedChains', folder: Path) -> 'FrameLedger':
+    """Score the chains of a bag into the tables of a folder; return where its frames went."""
+    from lowsnr_eval.ros.recorded_messages import score_bag
+    from lowsnr_eval.scoring.run_scoring import RunScorer
+
+    scorer = RunScorer(
+        replace(chains.run, results=str(folder)), chains.evaluation,
+        lambda sentence, _: bag.notes.append(sentence), conditioned=bool(chains.cells_topics))
+    with closing(scorer):
+        score_bag(bag, chains, scorer)
+    return scorer.ledger
 
 
 def report(folder: Path, summary: dict[str, Any]) -> None:

@@ -8,6 +8,7 @@ import sys
 from unittest import mock
 import xml.etree.ElementTree as ElementTree
 
+from lowsnr_bringup.cli.executables import own_executables
 import lowsnr_detect.detectors  # noqa: F401  (its files register themselves)
 from lowsnr_detect.parts.registry import DETECTORS
 import pytest
@@ -77,6 +78,15 @@ def test_entry_points_name_functions_that_exist(package):
     for entry in setup_arguments(package).get('entry_points', {}).get('console_scripts', []):
         module, _, function = entry.partition(' = ')[2].partition(':')
         assert callable(getattr(import_module(module), function)), entry
+
+
+def test_ros2_run_finds_every_node_that_the_packages_install():
+    entries = {
+        (package, *entry.split(' = ')) for package in PACKAGES for entry in
+        setup_arguments(package).get('entry_points', {}).get('console_scripts', [])}
+    assert {
+        (package, name, ':'.join(place)) for (package, name), place in own_executables().items()
+    } == {entry for entry in entries if entry[1].endswith('_node')}
 
 
 def test_every_detector_has_its_entry_point():

@@ -174,15 +174,6 @@ def test_frames_of_changing_size_are_named(tmp_path):
         re.findall(r'/image_raw:|frame \d|\d x \d', sentence))
 
 
-@pytest.mark.parametrize('last', [1, 2])
-def test_stamps_that_do_not_increase_are_named(tmp_path, last):
-    with FrameBag(tmp_path / 'bag') as bag:
-        for k, stamp in enumerate([1, 2, last]):
-            bag.add(np.full((3, 4), float(k)), stamp * SECOND, None)
-    # A reader that has an index sorts by log time, which is the stamp here.
-    assert rejection(tmp_path / 'bag')[:2] == (tmp_path / 'bag', 'stamps')
-
-
 def test_bag_without_frames_is_named(tmp_path):
     with BagWriter(tmp_path / 'bag') as bag:
         bag.write(bag.add_topic('/image_raw', 'std_msgs/msg/Header'), bytes(20), 1, 1)

@@ -76,7 +76,7 @@ def test_raw_frames_pass_a_conditioner(tmp_path):
     assert [node.path for node in run.nodes] == [
         '/evaluator', '/cdt/tracker', '/cdt/cdt_detector', '/sdt/tracker', '/sdt/sdt_detector',
         '/conditioner', '/player']
-    assert run.nodes[0].remaps == ()
+    assert run.nodes[0].remaps == ('camera_info:=/conditioned/camera_info',)
     info = 'camera_info:=/conditioned/camera_info'
     assert run.nodes[1].remaps == (info,)
     assert run.nodes[2].remaps == ('image_raw:=/conditioned/image_raw', info)

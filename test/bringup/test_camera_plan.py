@@ -1,13 +1,17 @@
 """The plan of a run on a camera: no node of the run publishes the frames."""
 
+from functools import partial
 from pathlib import Path
 
+import calibrate
 from lowsnr_bringup.bags.recorded_run import RecordedRun
 from lowsnr_bringup.bags.recording import CUSTOM_PARAMETERS
 from lowsnr_bringup.plan.graph import to_yaml
 from lowsnr_bringup.plan.run_options import RunOptions
 from lowsnr_bringup.plan.run_plan import plan_run
 from lowsnr_bringup.ros.frame_bag import FrameBag
+from lowsnr_detect.calibration import operating_point
+from lowsnr_detect.calibration.simulated_curve import simulate_curve
 from lowsnr_sensor.conditioning.conditioner import ConditioningSettings
 import numpy as np
 import pytest
@@ -35,8 +39,9 @@ def test_detectors_of_a_camera_read_the_frames_of_the_conditioner():
     assert [node.path for node in run.nodes] == [
         '/evaluator', '/tracker', '/sdt_detector', '/conditioner']
     readers = ['/evaluator', '/conditioner']
-    assert [remaps(run)[path] for path in readers] == 2 * [{f'image_raw:={TOPIC}'}]
     info = 'camera_info:=/conditioned/camera_info'
+    assert [remaps(run)[path] - {info} for path in readers] == 2 * [{f'image_raw:={TOPIC}'}]
+    assert info in remaps(run)['/evaluator']
     assert remaps(run)['/sdt_detector'] == {'image_raw:=/conditioned/image_raw', info}
     assert remaps(run)['/tracker'] == {info}
     assert [path for path, own in run.parameters.items() if own.get('live')] == readers
@@ -54,11 +59,43 @@ def test_without_a_conditioner_every_reader_of_frames_subscribes_to_the_camera()
     assert run.parameters['/cdt/cdt_detector']['rows'] == 31
 
 
-def test_thresholds_of_a_camera_adapt_unless_the_user_or_the_detector_says_otherwise():
-    run = plan(detectors=['auto', 'mmtbd2'])
+def test_camera_waits_for_no_simulation_unless_the_user_asks_for_it(tmp_path, monkeypatch):
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
+    run = plan(detectors=['auto', 'hmm'])
     assert run.parameters['/auto/auto_detector']['operating_point'] == 'adaptive'
-    assert run.parameters['/mmtbd2/mmtbd2_detector']['operating_point'] == 'matched'
-    assert run.parameters['/evaluator']['operating_points'] == ['adaptive', 'matched']
+    assert run.parameters['/hmm/hmm_detector']['operating_point'] == 'nominal'
+    assert run.parameters['/evaluator']['operating_points'] == ['adaptive', 'nominal']
+    note, = run.notes
+    command = 'calibrate.py --detector hmm --snr 6 --rows 15 --cols 24 '
+    assert note.startswith('hmm ')
+    assert command in note
+    assert '--detector auto' in note
+    forced = plan(detectors=['hmm'], overrides=['hmm.operating_point=matched'])
+    assert forced.parameters['/hmm_detector']['operating_point'] == 'matched'
+    assert not forced.notes
+
+
+def test_calibration_that_is_at_hand_is_used_at_any_frame_period(tmp_path, monkeypatch):
+    """The command that the note names makes it; a second start leaves nothing new."""
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
+    monkeypatch.setattr(
+        operating_point, 'simulate_curve', partial(simulate_curve, frames=3, runs=4))
+    options = calibrate.parse_arguments(
+        ['--detector', 'hmm', '--snr', '6', '--rows', '15', '--cols', '24'])
+    for case in calibrate.planned(options, *options.snr, *options.false_alarm_prob):
+        calibrate.calibrate_detector(*case, print)
+    made = sorted(tmp_path.rglob('*.json'))
+    assert len(made) == 1
+    for period_s in (0.04, 0.0333, 0.03334, 1.0, 60.0):
+        run = plan(detectors=['hmm'], period_s=period_s)
+        assert run.parameters['/hmm_detector']['operating_point'] == 'matched'
+        assert not run.notes
+        at = operating_point.curve(run.detectors['/hmm_detector'], (15, 24))
+        assert at.runs == 4
+    assert sorted(tmp_path.rglob('*.json')) == made
+
+
+def test_thresholds_of_a_camera_adapt_unless_the_user_says_otherwise():
     forced = plan(overrides=['sdt.operating_point=nominal'])
     assert forced.parameters['/sdt_detector']['operating_point'] == 'nominal'
     simulated = plan_run(RunOptions(detectors=['sdt'], scenario='example3'), CONFIG)
@@ -130,6 +167,18 @@ def test_option_without_meaning_for_a_camera_is_refused_by_name(options, culprit
 def test_encoding_that_detectors_cannot_read_is_refused_without_a_conditioner():
     with pytest.raises(ValueError, match='mono16') as caught:
         plan(condition='off')
+    assert str(caught.value).startswith(f'{TOPIC}: ')
+
+
+@pytest.mark.parametrize(('seen', 'condition', 'part'), [
+    ({'blank': 'frame 3'}, 'off', 'frame 3'), ({'rows': 1}, 'on', '9 x 1'),
+    ({'cols': 1}, 'auto', '1 x 9')])
+def test_frames_that_every_node_would_reject_are_refused(seen, condition, part):
+    values = {'name': 'a', 'frames': 0, 'rows': 9, 'cols': 9, 'period_s': 1.0, 'truth': False}
+    found = RecordedRun(**values | {'raw': True} | seen)
+    options = RunOptions(detectors=['sdt'], scenario='a', camera=TOPIC, condition=condition)
+    with pytest.raises(ValueError, match=part) as caught:
+        plan_run(options, CONFIG, lambda _: found)
     assert str(caught.value).startswith(f'{TOPIC}: ')
 
 

@@ -7,14 +7,15 @@ import struct
 import tracemalloc
 import zipfile
 
-from astropy.io import fits
 import cv2
+import imagecodecs  # noqa: F401  (here, so that its memory does not count)
 from lowsnr_bringup.bags.errors import UnusableFile
-from lowsnr_bringup.bags.image_files import open_frames
 from lowsnr_bringup.formats import npz
-from lowsnr_bringup.formats.bounds import MOST_PIXELS
+from lowsnr_bringup.formats.image_files import open_frames
+from lowsnr_common.images.compressed import MOST_PIXELS
 import numpy as np
 import pytest
+import tifffile  # noqa: F401
 
 MIB = 2**20
 
@@ -144,16 +145,11 @@ def test_image_that_declares_a_huge_size_is_rejected(tmp_path, name):
 @pytest.mark.parametrize(('name', 'data'), [
     ('a.png', b'P5 30000 30000 255\n'), ('a.tif', b'II*\0\xff\xff\xff\xff'),
     ('a.tif', tiff(4, 3)[:30]), ('a.png', b''), ('a.png', png(4, 3)[:20]),
-    ('a.fits', gzip.compress(fits_image(4, 3), mtime=0)),
+    ('a.fits', gzip.compress(b'no image', mtime=0)),
     ('a.fits', lzma.compress(fits_image(4, 3))), ('a.fits', fits_image(2**40, 2**40))])
 def test_other_content_than_the_name_says_is_rejected(tmp_path, name, data):
     (tmp_path / name).write_bytes(data)
     assert rejected(tmp_path) == 'unreadable'
-
-
-def test_compressed_fits_image_is_rejected(tmp_path):
-    fits.CompImageHDU(np.zeros((9, 8), np.int16)).writeto(tmp_path / 'a.fits')
-    assert rejected(tmp_path) == 'not frames'
 
 
 @pytest.mark.parametrize('how', ['folder', 'link'])

@@ -3,16 +3,21 @@
 import re
 
 from lowsnr_bringup.plan import graph
-from lowsnr_bringup.plan.sources import at_frame_period
-from lowsnr_bringup.plan.sources import TIME_POWERS
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.settings.declare import declared_settings
 from lowsnr_common.settings.flat_values import build_settings
+from lowsnr_common.settings.flat_values import flat_values
+from lowsnr_common.settings.frame_period import at_frame_period
+from lowsnr_common.settings.frame_period import at_unit_period
+from lowsnr_common.settings.frame_period import TIME_POWERS
+from lowsnr_detect.parts.registry import detector_class
+from lowsnr_detect.parts.registry import DETECTORS
 from lowsnr_track.pda_mmpf import PdaMmpf
 import numpy as np
 import pytest
 
 PERIOD_S = 0.04
+detector_class('sdt')  # makes every detector register itself
 # Settings in seconds that are not about motion: the wall clock and the frame period itself.
 OTHERS = {'answer_within_s', 'frame_period_s', 'patience_s', 'silence_s'}
 
@@ -63,3 +68,33 @@ def test_same_detections_give_the_same_tracks_at_any_frame_period(seed):
             assert other.score == pytest.approx(one.score, abs=1e-9)
             found += 1
     assert found >= 25
+
+
+@pytest.mark.parametrize('name', sorted(DETECTORS))
+@pytest.mark.parametrize('period_s', [PERIOD_S, 1.0 / 30.0, 7.0])
+def test_detector_at_unit_period_is_that_of_the_configuration(name, period_s):
+    kind = detector_class(name)
+    one = kind()
+    values = {'sensor.frame_period_s': period_s}
+    other = build_settings(kind, values | at_frame_period(kind, {}, period_s))
+    assert at_unit_period(one) is one
+    assert flat_values(at_unit_period(other)) == flat_values(one)
+
+
+@pytest.mark.parametrize('name', ['hmm', 'mmtbd2', 'tbd1', 'cusum'])
+def test_detector_decides_the_same_at_unit_period(name, seed):
+    """Which is why its calibration does not depend on the period."""
+    kind = detector_class(name)
+    values = {'sensor.frame_period_s': PERIOD_S} | (
+        {'particles': 300} if 'tbd' in name else {})
+    fast = build_settings(kind, values | at_frame_period(kind, {}, PERIOD_S))
+    peaks = []
+    for detector in (fast, at_unit_period(fast)):
+        frames, rng = np.random.default_rng(seed), np.random.default_rng(seed)
+        state = detector.init((9, 11))
+        found = []
+        for _ in range(12):
+            state, declared = detector.step(state, frames.standard_normal((9, 11)), rng)
+            found.append(float(declared.peak))
+        peaks.append(found)
+    np.testing.assert_allclose(peaks[0], peaks[1], rtol=1e-6, atol=1e-6)

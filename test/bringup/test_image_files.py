@@ -3,7 +3,7 @@
 from astropy.io import fits
 import cv2
 from lowsnr_bringup.bags.errors import UnusableFile
-from lowsnr_bringup.bags.image_files import open_frames
+from lowsnr_bringup.formats.image_files import open_frames
 import numpy as np
 import pytest
 
@@ -47,11 +47,12 @@ def test_archive_is_read_as_it_is(archive, rng, given, stored):
     np.testing.assert_array_equal(found, frames)
     assert {frame.dtype for frame in found} == {np.dtype(stored)}
     np.testing.assert_array_equal(reader.truth, truth)
-    assert reader.times_s.tolist() == [0.0, 1.0, 2.5, 9.0]
+    assert reader.times_s().tolist() == [0.0, 1.0, 2.5, 9.0]
 
 
 @pytest.mark.parametrize(('arrays', 'reason'), [
-    ({'pixels': np.zeros((2, *SHAPE))}, 'no frames'),
+    ({'pixels': np.zeros((2, *SHAPE)), 'more': np.zeros((2, *SHAPE))}, 'no frames'),
+    ({'pixels': np.zeros(2)}, 'no frames'),
     ({'frames': np.zeros(SHAPE)}, 'not frames'),
     ({'frames': np.zeros((0, *SHAPE))}, 'not frames'),
     ({'frames': np.zeros((2, *SHAPE)), 'truth': np.zeros((3, 2))}, 'bad truth'),
@@ -112,10 +113,11 @@ def test_unusable_folder_is_named(tmp_path):
     cv2.imwrite(str(tmp_path / 'a1.png'), np.zeros(SHAPE, np.uint8))
     cv2.imwrite(str(tmp_path / 'a2.png'), np.zeros((7, 6), np.uint8))
     assert rejection(tmp_path) == (tmp_path / 'a2.png', 'mixed')
-    for name in ('a2.png', 'a2.fits'):
-        (tmp_path / 'a2.png').unlink(missing_ok=True)
-        (tmp_path / name).write_bytes(b'nothing of the kind')
-        assert rejection(tmp_path) == (tmp_path / name, 'unreadable')
+    (tmp_path / 'a2.png').write_bytes(b'nothing of the kind')
+    assert rejection(tmp_path) == (tmp_path / 'a2.png', 'unreadable')
+    (tmp_path / 'a2.fits').write_bytes(b'nothing of the kind')
+    assert rejection(tmp_path) == (tmp_path, 'several kinds')
+    assert rejection(tmp_path / 'a2.fits') == (tmp_path / 'a2.fits', 'unreadable')
 
 
 def test_video_is_read_with_its_rate(tmp_path):
@@ -143,5 +145,5 @@ def test_other_files_are_named(tmp_path):
 def test_stamps_begin_a_period_after_zero(archive, t_s, period_s, stamps_s):
     path = archive(frames=np.zeros((3, *SHAPE)), **({} if t_s is None else {'t_s': t_s}))
     reader = open_frames(path)
-    found = [stamp_ns / 1e9 for _, stamp_ns in zip(reader, reader.stamps_ns(period_s))]
+    found = [stamp_ns / 1e9 for _, stamp_ns in reader.stamped(period_s)]
     assert found == stamps_s

@@ -21,10 +21,12 @@ import os
 import sys
 import threading
 import time
+def preload():
+    sys.made_preloaded = os.getppid()
 if __name__ == '__main__':
     from lowsnr_common.core.process_setup import end_with_starter
     print(sys.argv[1:3], os.getpid(), os.getsid(0), os.environ.get('MARK'),
-          'rclpy' in sys.modules, flush=True)
+          'rclpy' in sys.modules, getattr(sys, 'made_preloaded', None), flush=True)
     end_with_starter()
     if sys.argv[2] == 'wait':
         print('waits', flush=True)
@@ -47,7 +49,7 @@ def environment(tmp_path):
 def server(environment, monkeypatch):
     """Return a server that imports in this environment."""
     monkeypatch.setenv('PYTHONPATH', environment['PYTHONPATH'])
-    with NodeServer() as started:
+    with NodeServer(['made_for_test']) as started:
         yield started
 
 
@@ -87,8 +89,9 @@ def test_forked_node_is_a_process_of_its_own(group, tmp_path, server):
     pid = member.process.pid
     words, rest = member.log.read_text().splitlines()[0].split('] ')
     assert words == "['first', 'wait'"
-    # Process id, session, environment, and whether rclpy was there before the node imported it.
-    assert rest.split() == [str(pid), str(pid), 'mine', 'True']
+    # Process id, session, environment, whether rclpy was there before the node imported it, and
+    # what the module loaded in the server, a child of this process.
+    assert rest.split() == [str(pid), str(pid), 'mine', 'True', str(os.getpid())]
     assert psutil.Process(pid).ppid() == os.getpid()
     command = Path(f'/proc/{pid}/cmdline').read_bytes().replace(b'\0', b' ').decode().split()
     assert command[1:5] == ['-m', 'made_for_test', 'first', 'wait']

@@ -1,11 +1,12 @@
 """A table of truth lists the objects of every frame; a bad line is named."""
 
 from lowsnr_bringup.bags.errors import UnusableFile
-from lowsnr_bringup.bags.truth_table import read_truth
+from lowsnr_bringup.truth.forms import read_truth
+from lowsnr_bringup.truth.frame_index import FrameIndex
 import numpy as np
 import pytest
 
-TIMES = np.array([0.0, 10.0, 25.0])
+TIMES = FrameIndex(np.array([0.0, 10.0, 25.0]))
 
 
 def table(tmp_path, text):
@@ -31,8 +32,9 @@ def test_lines_by_time_and_several_objects(tmp_path):
 @pytest.mark.parametrize(('text', 'reason', 'line'), [
     ('', 'header', ''),
     ('x,y\n1,2\n', 'header', ''),
-    ('frame,x,y,name\n', 'header', ''),
-    ('frame,x,y\n0,1,2\n', 'no such frame', 'line 2:'),
+    ('frame,u,w,name\n', 'header', ''),
+    ('x,y,z\n', 'header', ''),
+    ('frame,x,y\n1,1,2\n4,1,2\n', 'no such frame', 'line 3:'),
     ('frame,x,y\n1.5,1,2\n', 'no such frame', 'line 2:'),
     ('frame,x,y\n1,1,2\n1,1,3\n', 'twice', 'line 3:'),
     ('frame,x,y\n1,one,2\n', 'number', 'line 2:'),

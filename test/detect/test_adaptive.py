@@ -3,14 +3,7 @@
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.settings.node_settings import DetectionSettings
 from lowsnr_detect.adaptive.adaptive_detector import AdaptiveDetector
-from lowsnr_detect.adaptive.adaptive_threshold import AdaptiveThreshold
 from lowsnr_detect.adaptive.adaptive_threshold import LEARNING_FRAMES
-from lowsnr_detect.adaptive.local_maxima import local_maxima
-from lowsnr_detect.adaptive.pareto_tail import EDGES
-from lowsnr_detect.adaptive.pareto_tail import exceeded
-from lowsnr_detect.adaptive.pareto_tail import START
-from lowsnr_detect.adaptive.region_maps import bin_quantile
-from lowsnr_detect.adaptive.tail_memory import WhiteTail
 from lowsnr_detect.detectors.auto import Auto
 from lowsnr_detect.detectors.cusum import CUSUM
 from lowsnr_detect.detectors.hmm import HMM
@@ -19,7 +12,6 @@ from lowsnr_detect.parts.registry import detector_class
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
-from scipy.ndimage import maximum_filter
 
 SENSOR = SensorModel(snr_db=8.0)
 NAMES = ('cdt', 'sdt', 'cusum', 'bank', 'auto')
@@ -35,49 +27,12 @@ def shares(name, frames, rng, prob=0.01):
     return np.stack(answers)[9:], detector.measured(state)
 
 
-@pytest.mark.parametrize('reach', [1, 3])
-def test_local_maxima_are_those_of_a_maximum_filter(rng, reach):
-    plane = rng.standard_normal((23, 31)).astype(np.float32)
-    plane[4, 5:9] = -np.inf
-    row, col, value = local_maxima(plane, reach)
-    wanted = np.nonzero(maximum_filter(plane, 2 * reach + 1) == plane)
-    assert np.array_equal(np.stack([row, col]), np.stack(wanted))
-    assert np.array_equal(value, plane[row, col])
-
-
-def test_blank_and_flat_planes_have_no_maximum():
-    for value in (0.0, -np.inf):
-        assert local_maxima(np.full((5, 7), value, np.float32), 2)[2].size == 0
-
-
-def test_bin_quantile_is_the_quantile_within_a_bin(rng):
-    values = rng.gamma(3.0, 5.0, (4, 5000))
-    counts = np.stack([np.histogram(each, np.arange(161))[0] for each in values])
-    assert bin_quantile(counts, 0.8) == pytest.approx(np.quantile(values, 0.8, axis=1), abs=0.2)
-
-
-@pytest.mark.parametrize('scale', [0.8, 1.0, 3.0])
-def test_exponential_tail_is_extrapolated(rng, scale):
-    draws = START + rng.exponential(scale, 20_000)
-    for prob in (1e-2, 1e-4):
-        counts = np.histogram(draws, EDGES)[0].astype(float)
-        found, slope = exceeded(counts, np.array(prob))
-        assert found == pytest.approx(START - scale * np.log(prob), rel=0.1)
-        assert slope == pytest.approx(1.0 / scale, rel=0.4)
-
-
-def test_few_data_give_a_higher_threshold():
-    counts = [np.histogram(START + np.linspace(0.05, 6.0, n), EDGES)[0] for n in (500, 5)]
-    many, few = exceeded(np.array(counts, dtype=float), np.array([1e-4, 1e-4]))[0]
-    assert few > many
-
-
 @pytest.mark.parametrize('name', NAMES)
 def test_white_noise_holds_the_rate(rng, name):
-    # 120 runs of 21 frames that depend on each other over three: four standard errors are .014.
-    declared, measured = shares(name, rng.standard_normal((30, 120, 20, 20)), rng)
-    assert 0.0 < declared.mean() < 0.024
-    assert 0.0 < measured < 0.024
+    # 100 runs of 25 frames that depend on each other over three: three standard errors are .010.
+    declared, measured = shares(name, rng.standard_normal((34, 100, 20, 20)), rng)
+    assert 0.001 < declared.mean() < 0.019
+    assert 0.0 < measured < 0.019
 
 
 @pytest.mark.parametrize('name', ['cusum', 'bank', 'auto'])
@@ -106,7 +61,7 @@ def test_regions_have_thresholds_of_their_own(rng):
         state, _ = detector.step(state, frame, rng)
     threshold = detector.tails[0].thresholds(state.tails[0]).threshold[0]
     # u^2 / 2 of three times the noise is nine times as large (eight sigma are the limit).
-    assert threshold[:, 160:].min() > 5.0 * threshold[:, :32].max()
+    assert threshold[:, 6:].min() > 5.0 * threshold[:, :2].max()
 
 
 def scene(rng, objects, first, frames=40, shape=(64, 64)):
@@ -169,21 +124,6 @@ def test_memory_is_not_changed(rng):
         state = one
 
 
-def test_object_is_left_out_and_clutter_everywhere_is_not():
-    white = WhiteTail(5.0, 1.0, 0.02, 0.07, tuple(np.r_[np.ones(6), np.zeros(58)]))
-    threshold = AdaptiveThreshold(0.01, white, (32, 32))
-    highest = {}
-    for crossing in (1, 40):
-        rng, memory = np.random.default_rng(3), threshold.init()
-        for _ in range(6):
-            plane = rng.uniform(0.0, 4.0, (1, 32, 32)).astype(np.float32)
-            plane.reshape(-1)[::25][:crossing] = 200.0
-            memory, _ = threshold.step(memory, plane, threshold.thresholds(memory))
-        highest[crossing] = threshold.thresholds(memory).threshold.max()
-    assert highest[1] < 100.0
-    assert highest[40] > 150.0
-
-
 def test_detector_without_a_statistic_of_cells_is_refused():
     with pytest.raises(ValueError, match="HMM.*'adaptive'"):
         AdaptiveDetector(HMM(), 0.01, (8, 8))
@@ -202,8 +142,7 @@ def test_node_states_the_rate_asked_and_measured_and_starts_without_a_curve(rng,
     work, _ = live('auto', 'adaptive')
     for _ in range(30):
         work.step(rng.standard_normal((20, 24)), rng)
-    assert work.rates()['asked'] == 0.05
-    assert 0.0 <= work.rates()['measured'] < 0.3
+    assert 0.0 <= work.measured() < 0.3
     assert 5.0 < work.thresholds()['threshold'] < 100.0
 
 
@@ -215,7 +154,7 @@ def test_operating_point_changes_to_adaptive_and_back_with_an_empty_memory(rng):
         settings = (detector, DetectionSettings(operating_point=point))
         work.check(settings)
         work.change(settings, number)
-        assert bool(work.rates()) == (point == 'adaptive')
+        assert (work.measured() is None) == (point == 'manual')
     work.step(rng.standard_normal((20, 24)), rng)
     assert work.thresholds() == {'threshold': 9.0}
     assert [line.rpartition(', ')[2] for line in logged] == ['memory starts empty'] * 2

@@ -6,10 +6,13 @@ import subprocess
 import sys
 
 from lowsnr_bringup.plan.graph import to_yaml
+from lowsnr_bringup.run.earlier_run import earlier_alarm_rates
 from lowsnr_bringup.run.frame_ledger import FrameLedger
 from lowsnr_bringup.run.results_folder import Account
+from lowsnr_common.core.records import AlarmRate
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.node_settings import RunSettings
+from lowsnr_eval.report.table import format_table
 from lowsnr_eval.scoring.final_summary import summarize_folder
 from lowsnr_eval.scoring.final_summary import summarize_run
 from lowsnr_eval.scoring.final_summary import write_summary
@@ -62,6 +65,29 @@ def test_run_that_scored_nothing_leaves_no_summary(tmp_path, content):
     assert summarize_run(tmp_path, EVALUATOR, Account()) is None
 
 
+def test_summary_and_table_have_the_false_alarm_rate_asked_and_measured(tmp_path):
+    score_frames(tmp_path, 5)
+    for rate, shown in (
+            (AlarmRate(0.01, 0.0125), 'asked 0.01, scored 0.000 [0.000, 0.434], measured by the '
+             'detector 0.0125'),
+            (AlarmRate(1e-5), 'asked 1e-05, scored 0.000 [0.000, 0.434], measured by the '
+             'detector -')):
+        summary = summarize_run(
+            tmp_path, EVALUATOR, Account(ledger_of(5, 5), {}, {'sdt_detector': rate}))
+        chain = summary['detectors']['sdt']
+        assert AlarmRate(chain['pfa_asked'], chain['pfa_measured']) == rate
+        assert f'sdt: P_FA {shown}' in format_table(summary).splitlines()
+
+
+@pytest.mark.parametrize('share', ['0.5', 1, -0.1, 1.5, [], float('inf')])
+def test_false_alarm_rate_of_an_earlier_summary_is_used_if_it_is_sound(tmp_path, share):
+    for found, sound in ((share, False), (0.25, True), (None, True)):
+        (tmp_path / 'summary.json').write_text(json.dumps(
+            {'detectors': {'sdt': {'pfa_asked': 0.01, 'pfa_measured': found}}}))
+        assert earlier_alarm_rates(tmp_path) == (
+            {'sdt_detector': AlarmRate(0.01, found)} if sound else {})
+
+
 def test_frame_that_was_half_written_is_left_out(tmp_path):
     score_frames(tmp_path, 5)
     table = tmp_path / 'frames.csv'
@@ -100,8 +126,8 @@ def test_summary_of_a_killed_run_is_made_from_its_folder(tmp_path):
         'expected': None, 'published': 5, 'scored': 5, 'unanswered': 0, 'unseen': 0, 'lost': 0}
     assert first['restarts'] == {'cdt.tracker': 2}
     # Where bring-up ended well, what it knows of frames that nobody scored is kept.
-    whole = summarize_run(
-        tmp_path, EVALUATOR, Account(ledger_of(9, 6), {'cdt.tracker': 2}))
+    whole = summarize_run(tmp_path, EVALUATOR, Account(
+        ledger_of(9, 6), {'cdt.tracker': 2}, {'sdt_detector': AlarmRate(0.01, 0.0125)}))
     write_summary(tmp_path, whole)
     first = summary_in(tmp_path)
     summarize_folder(tmp_path)

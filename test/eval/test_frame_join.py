@@ -132,8 +132,8 @@ def test_clock_set_back_loses_the_first_nine_frames(join):
     join.add_array('truth', 10_001, [], 0.1)
     taken = []
     for stamp in range(1, 31):
-        join.add_array('truth', stamp, [], 1.0 + stamp)
-        join.add_array('tracks', stamp, [], 1.0 + stamp)
+        join.add_array('truth', stamp, [], 1.0 + 0.1 * stamp)
+        join.add_array('tracks', stamp, [], 1.0 + 0.1 * stamp)
         taken += join.take()
     # The frame that was waiting is given up; the tenth in a row shows what has happened.
     assert [frame.stamp for frame in taken] == [10_001, *range(10, 31)]

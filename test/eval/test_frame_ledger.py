@@ -105,6 +105,7 @@ class Run:
             self.silent = True
             self.score(float('inf'))
         for file in (self.scorer.tables._frames._file, self.scorer.tables._latency._file,
+                     *(table._file for table in self.scorer.entries._files),
                      self.scorer.scene._lines, self.scorer.scene._pixels):
             file.close()  # as the end of the process does
         self.silent = False

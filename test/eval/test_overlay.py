@@ -50,7 +50,15 @@ def test_one_bright_cell_leaves_the_greys_of_the_others(rng):
     assert 60 < np.median(greys) < 160
 
 
-@pytest.mark.parametrize('value', [0.0, -3.0, 1e30])
+def test_cells_without_a_value_are_black_and_change_no_other(rng):
+    frame = rng.standard_normal((100, 101))
+    whole = stretch(frame[:, :100])
+    frame[:, 100] = np.nan
+    np.testing.assert_array_equal(stretch(frame)[:, 100], 0)
+    assert abs(stretch(frame)[:, :100].astype(int) - whole).max() <= 1
+
+
+@pytest.mark.parametrize('value', [0.0, -3.0, 1e30, np.nan])
 def test_frame_of_a_constant_is_black(value):
     assert not stretch(np.full((7, 5), value)).any()
 

@@ -6,6 +6,7 @@ import re
 
 from browser import browser
 from lowsnr_bringup.run.results_folder import Account
+from lowsnr_common.core.frame_map import FrameMap
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.core.records import Truth
 from lowsnr_common.settings.node_settings import Evaluation
@@ -17,8 +18,6 @@ from lowsnr_eval.scoring.final_summary import write_summary
 from lowsnr_eval.scoring.frame_scoring import Answer
 from lowsnr_eval.scoring.frame_scoring import score_frame
 from lowsnr_eval.scoring.scene import read_scene
-from lowsnr_eval.scoring.scene import reduced
-from lowsnr_eval.scoring.scene import reduction
 from lowsnr_eval.scoring.scene import SceneWriter
 from lowsnr_eval.scoring.score_tables import ScoreTables
 import numpy as np
@@ -66,82 +65,12 @@ def folder(tmp_path, rng):
 
 
 def test_scene_is_read_back(folder):
-    lines, frames = read_scene(folder)
+    lines, frames, _ = read_scene(folder)
     assert [line['frame'] for line in lines] == list(range(1, FRAMES + 1))
     assert lines[4]['truth'] == [[2.5, 3.0, '</script>']]
     assert lines[5]['chains']['sdt']['tracks'] == [[3.0, 3.1, '4']]
     assert all(frame.shape == SHAPE for frame in frames)
     assert frames[1][0, 0] == 9.0
-
-
-def test_marks_are_in_cells_and_those_without_a_place_are_left_out(tmp_path):
-    with closing(SceneWriter(tmp_path, 0.5)) as scene:
-        scene.add_frame(1, np.zeros(SHAPE))
-        scene.add_answers(
-            1, 1, [], {'sdt': Answer([tracked(1.0, 2.0), tracked(np.nan, 2.0)], None)})
-    lines, _ = read_scene(tmp_path)
-    assert lines[0]['chains']['sdt'] == {'detections': [[2.0, 4.0, '']], 'tracks': []}
-
-
-def test_frame_and_its_marks_arrive_in_any_order(tmp_path):
-    with closing(SceneWriter(tmp_path, 1.0)) as scene:
-        scene.add_answers(1, 10, [], {})
-        scene.add_frame(10, np.full(SHAPE, 1.0))
-        scene.add_frame(20, np.full(SHAPE, 2.0))
-        scene.add_answers(2, 20, [], {})
-        scene.add_answers(3, 30, [], {})  # its frame does not come
-        scene.add_frame(35, np.full(SHAPE, 3.5))  # it has no marks
-        scene.add_frame(40, np.full(SHAPE, 4.0))
-        scene.add_answers(4, 40, [], {})
-        scene.add_answers(5, 50, [], {})  # nor does this one's, to the end
-    lines, frames = read_scene(tmp_path)
-    assert [line['frame'] for line in lines] == [1, 2, 3, 4, 5]
-    assert [None if f is None else f[0, 0] for f in frames] == [1.0, 2.0, None, 4.0, None]
-
-
-def test_frames_that_wait_for_their_marks_are_bounded(tmp_path):
-    with closing(SceneWriter(tmp_path, 1.0)) as scene:
-        for k in range(1000):
-            scene.add_frame(k, np.zeros(SHAPE))
-        for k in range(1000):
-            scene.add_answers(k, k, [], {})
-    lines, frames = read_scene(tmp_path)
-    assert len(lines) == 1000
-    assert sum(frame is not None for frame in frames) == scene_module.WAITING
-
-
-def test_large_frame_is_reduced_to_its_brightest_cells(rng):
-    assert reduction((256, 320)) == 1
-    assert reduction((1024, 1024)) == 3
-    assert (reduction((16384, 16384)) ** 2) * 2**17 >= 16384**2
-    frame = rng.standard_normal((7, 11))
-    expected = [[frame[r:r + 3, c:c + 3].max() for c in range(0, 11, 3)] for r in range(0, 7, 3)]
-    assert np.array_equal(reduced(frame, 3), np.float32(expected))
-
-
-@pytest.mark.parametrize('frame', [np.zeros((30, 40)), None])
-def test_scene_on_disk_is_bounded(tmp_path, monkeypatch, frame):
-    monkeypatch.setattr(scene_module, '_BUDGET', 10_000)
-    with closing(SceneWriter(tmp_path, 1.0)) as scene:
-        for k in range(1, 1001):
-            if frame is not None:
-                scene.add_frame(k, frame)
-            scene.add_answers(k, k, [], {'sdt': Answer([tracked(1.0, 2.0)], [])})
-    assert scene.full
-    lines, _ = read_scene(tmp_path)
-    assert 1 < len(lines) < 1000
-    assert (tmp_path / 'frames.f32').stat().st_size <= 40_000
-    assert (tmp_path / 'scene.jsonl').stat().st_size <= 10_000
-
-
-def test_full_disk_ends_the_scene_and_nothing_else(tmp_path):
-    (tmp_path / 'frames.f32').symlink_to('/dev/full')
-    with closing(SceneWriter(tmp_path, 1.0)) as scene:
-        scene.add_frame(1, np.zeros(SHAPE))
-        scene.add_answers(1, 1, [], {})
-        assert scene.full
-        scene.add_answers(2, 2, [], {})
-    assert (tmp_path / 'scene.jsonl').read_text() == ''
 
 
 def test_line_cut_off_by_a_crash_is_left_out(folder):
@@ -241,4 +170,27 @@ def test_animation_of_frames_that_are_missing_or_change_their_size(tmp_path, req
             page.click('#forward')
             assert page.value(NUMBER).startswith(expected)
         assert page.value(size) == [500, 700]
+        assert page.errors == []
+
+
+def test_conditioned_picture_is_beside_the_raw_one_at_the_same_place(tmp_path, require_program):
+    """One bright pixel (4, 2) of a frame whose cells of 2 x 2 pixels moved by two pixels."""
+    frame, cells = np.zeros((8, 10)), np.zeros((4, 5))
+    frame[2, 4], cells[1, 3] = 1.0, 1.0  # the cell covers x from 4 to 6, y from 2 to 4
+    where = FrameMap('camera', (10, 8), 2, (0, 0), (-2.0, 0.0))
+    with closing(SceneWriter(tmp_path, 1.0, conditioned=True)) as scene:
+        scene.add_frame(1, frame)
+        scene.add_cells(1, cells, where)
+        scene.add_answers(1, 1, [], {'sdt': Answer([], [])})
+    score(tmp_path, [([], Answer([], []))])
+    report = write_run_report(tmp_path, 'again')
+    grey = """Array.from(document.getElementById('{}').getContext('2d')
+        .getImageData({} * 70 + 35, {} * 70 + 35, 1, 1).data)[0]"""
+    with browser(require_program('chromium'), tmp_path / 'profile') as page:
+        page.load(report)
+        assert page.value("[get('cells').width, get('cells').height]") == [700, 560]
+        for view, bright in (('view', {(4, 2)}), ('cells', {(4, 2), (5, 2), (4, 3), (5, 3)})):
+            assert {(x, y) for x in range(8) for y in range(8)
+                    if page.value(grey.format(view, x, y)) == 255} == bright
+        assert page.value(grey.format('cells', 9, 0)) == 255  # no cell covers it: white
         assert page.errors == []

@@ -9,6 +9,7 @@ from lowsnr_eval.study.workers import WorkerDiedError
 from lowsnr_eval.study.workers import workers
 import pytest
 from worker_tasks import die_once
+from worker_tasks import die_while_sending
 from worker_tasks import surroundings
 
 TASKS = {str(n): (float(n),) for n in range(20)}
@@ -43,10 +44,11 @@ def test_local_workers_have_one_thread_and_import_no_dask(log, monkeypatch):
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
 
 
-def test_worker_that_dies_is_named_and_its_tasks_start_again(log, tmp_path):
+@pytest.mark.parametrize('die', [die_once, die_while_sending])
+def test_worker_that_dies_is_named_and_its_tasks_start_again(log, tmp_path, die):
     tasks = {str(n): (tmp_path / 'dead', n) for n in range(8)}
     with workers(2, None, log.append) as found:
-        assert results(found, die_once, tasks) == {str(n): n for n in range(8)}
+        assert results(found, die, tasks) == {str(n): n for n in range(8)}
     line, = log
     assert (tmp_path / 'dead').read_text() in line.split()
     assert 'SIGKILL' in line

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from lowsnr_common.settings.flat_values import flat_values
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.node_settings import RunSettings
+from lowsnr_eval.scoring.entry_tables import EntryTables
 from lowsnr_eval.scoring.final_summary import summarize_folder
 from lowsnr_eval.scoring.scene import SceneWriter
 from lowsnr_eval.scoring.score_tables import ScoreTables
@@ -80,11 +81,12 @@ def test_earlier_results_are_summed_up_or_rejected_by_name(place, results, name,
 def resumed(place):
     """Continue the files of a run as a restarted evaluator does."""
     ScoreTables(place, ['sdt'], resumed=True).close()
+    EntryTables(place, 1.0, after=2).close()
     SceneWriter(place, 1.0, resumed=True).close()
 
 
 @fuzz('continued results', 300, name=st.sampled_from(
-    ['frames.csv', 'latency.csv', 'scene.jsonl', 'frames.f32']), data=st.data())
+    ['frames.csv', 'latency.csv', 'tracks.csv', 'scene.jsonl', 'frames.f32']), data=st.data())
 def test_damaged_results_are_continued_or_rejected_by_name(place, results, name, data):
     restored(place, results, name, data.draw(damaged(results[name])))
     tried(place, resumed, place)

@@ -1,6 +1,5 @@
 """Damaged frames, tables of truth and results are used, or rejected in one line."""
 
-import argparse
 from contextlib import closing
 import io
 import json
@@ -8,7 +7,6 @@ import shutil
 import zipfile
 
 from astropy.io import fits
-import convert
 import cv2
 from fuzz.counting import fuzz
 from fuzz.counting import tried
@@ -17,9 +15,11 @@ from fuzz.strategies import names
 from fuzz.strategies import numbers
 from fuzz.strategies import whole
 from hypothesis import strategies as st
-from lowsnr_bringup.bags.image_files import open_frames
-from lowsnr_bringup.bags.truth_table import read_truth
+from lowsnr_bringup.formats.image_files import open_frames
+from lowsnr_bringup.ros.film_bag import write_film
 from lowsnr_bringup.run.results_folder import Account
+from lowsnr_bringup.truth.forms import read_truth
+from lowsnr_bringup.truth.frame_index import FrameIndex
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.core.records import Truth
 from lowsnr_common.settings.node_settings import Evaluation
@@ -27,6 +27,7 @@ from lowsnr_common.settings.node_settings import RunSettings
 from lowsnr_eval.report import figures
 from lowsnr_eval.report import html_page as pages
 from lowsnr_eval.report.run_report import write_run_report
+from lowsnr_eval.scoring.entry_tables import EntryTables
 from lowsnr_eval.scoring.final_summary import summarize
 from lowsnr_eval.scoring.final_summary import write_summary
 from lowsnr_eval.scoring.frame_scoring import Answer
@@ -88,8 +89,7 @@ archives = st.builds(damaged, st.just(ARCHIVE)).flatmap(lambda each: each) | st.
 def converted(place, source, truth=None, **options):
     """Make a bag from frames as convert.py does."""
     shutil.rmtree(place / 'bag', ignore_errors=True)
-    given = {'rate': None, 'period': None, 'storage': 'mcap', 'out': place / 'bag'} | options
-    return convert.write(open_frames(source), argparse.Namespace(truth=truth, **given))
+    return write_film(open_frames(source), place / 'bag', truth_file=truth, **options)
 
 
 @fuzz('npz archives', 420, data=archives, period=st.none() | numbers.filter(lambda n: n > 0.0))
@@ -120,19 +120,20 @@ tables = st.lists(st.lists(cells, min_size=1, max_size=5), max_size=4).map(
 def test_table_of_truth_is_read_or_rejected(place, data):
     path = place / 'truth.csv'
     path.write_bytes(data)
-    tried(path, read_truth, path, np.arange(1.0, 4.0))
+    tried(path, read_truth, path, FrameIndex(np.arange(1.0, 4.0)))
 
 
 def write_results(folder, name='object'):
     """Write the results of a run of a few frames."""
     with closing(ScoreTables(folder, ['sdt'])) as tables, closing(
-            SceneWriter(folder, 1.0)) as scene:
+            EntryTables(folder, 1.0)) as entries, closing(SceneWriter(folder, 1.0)) as scene:
         for k in range(1, 5):
             state = np.array([k, 0.5, 2.0, 0.0])
             found = [Estimate(state, np.eye(4), 0.9, name)]
             truth, answers = [Truth(name, state)], {'sdt': Answer(found, found, 1.0, 1.0)}
             scene.add_frame(k, np.full(SHAPE, float(k)))
             scene.add_answers(k, k, truth, answers)
+            entries.add(k, k, answers)
             tables.add(score_frame(k, float(k), truth, answers, Evaluation()), answers)
     write_summary(folder, summarize(
         folder, RunSettings(scenario=name), Evaluation(), 0, Account()))

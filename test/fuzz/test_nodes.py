@@ -77,7 +77,7 @@ NODES = {name: (partial(DetectorNode, name), SMALL | FEW.get(name, {})) for name
     'conditioner': (ConditionerNode, {}), 'viewer': (ViewerNode, {'side': 40}),
     'tracker': (TrackerNode, TRACKER), 'mapped': (TrackerNode, TRACKER | {'conditioned': True}),
     'mapped bank': (partial(DetectorNode, 'bank'), SMALL | {'conditioned': True}),
-    'evaluator': (EvaluatorNode, {'detectors': ['sdt'], 'scenario': 's'}),
+    'evaluator': (EvaluatorNode, {'detectors': ['sdt'], 'scenario': 's', 'conditioned': True}),
     'sensor': (SensorNode, {
         'scenario': str(ROOT / 'config' / 'scenarios' / 'example1.yaml'), 'lockstep': True,
         'loop': True})}
@@ -85,8 +85,9 @@ TOPICS = {
     'conditioner': ('image_raw',), 'tracker': ('detections',), 'sensor': ('scored',),
     'mapped': ('camera_info', 'detections'), 'mapped bank': ('camera_info', 'image_raw'),
     'viewer': ('image_raw', 'ground_truth', 'detections', 'tracks', 'tracks/odometry'),
-    'evaluator': ('image_raw', 'ground_truth', 'ground_truth/odometry', 'detections',
-                  'detections/odometry', 'tracks', 'tracks/odometry')}
+    'evaluator': ('image_raw', 'conditioned/image_raw', 'camera_info', 'ground_truth',
+                  'ground_truth/odometry', 'detections', 'detections/odometry', 'tracks',
+                  'tracks/odometry')}
 ALL_TOPICS = {topic for topics in TOPICS.values() for topic in topics}
 small_images = images() | st.builds(
     lambda cells, seed: frame_to_image(
@@ -96,7 +97,7 @@ small_images = images() | st.builds(
 
 def message(topic):
     """Return the strategy of the messages of a topic."""
-    if topic == 'image_raw':
+    if topic.endswith('image_raw'):
         return small_images
     if topic == 'scored':
         return records()
@@ -189,7 +190,7 @@ def test_ten_thousand_entries_of_extreme_numbers_end_nothing(feed):
     item.results[0].hypothesis.score = 5e-324
     item.results[0].pose.covariance = np.full(36, 1e308)
     for topic in TOPICS[feed.node.get_name()]:
-        if not topic.endswith(('odometry', 'raw')):
+        if not topic.endswith(('odometry', 'raw', 'info')):
             feed(NANO, topic, Detection2DArray(detections=[item] * 10_000))
             INPUTS['arrays of 10,000'] += 1
 

@@ -23,7 +23,8 @@ NODES = {
     'tracker': (TrackerNode, {'rows': 8, 'cols': 9, 'conditioned': True}),
     'viewer': (ViewerNode, {}), 'detector': (partial(DetectorNode, 'cdt'), {
         'rows': 8, 'cols': 9, 'operating_point': 'nominal', 'conditioned': True}),
-    'evaluator': (EvaluatorNode, {'detectors': ['cdt'], 'scenario': 's'})}
+    'evaluator': (EvaluatorNode, {
+        'detectors': ['cdt'], 'scenario': 's', 'conditioned': True})}
 # Modules that subscribe: ManagedNode.listen, the first frames of a camera, the recorder.
 SUBSCRIBING = {
     'lowsnr_common/ros/inputs.py', 'lowsnr_bringup/ros/camera.py',

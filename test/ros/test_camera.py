@@ -2,10 +2,11 @@
 
 import threading
 
+import cv2
 from graph_runs import own_domain
 from lowsnr_bringup.ros.camera import CameraError
 from lowsnr_bringup.ros.camera import inspect_camera
-from lowsnr_bringup.ros.node_watch import CameraWatch
+from lowsnr_bringup.ros.node_watch import FrameWatch
 from lowsnr_bringup.ros.node_watch import StateWatch
 from lowsnr_bringup.ros.node_watch import StrangerWatch
 from lowsnr_common.ros.connections import OTHER_TYPE
@@ -13,12 +14,16 @@ from lowsnr_common.ros.connections import SEVERAL_PUBLISHERS
 from lowsnr_common.ros.connections import UNKNOWN_NAME
 from lowsnr_common.ros.diagnostics import Fault
 from lowsnr_common.ros.diagnostics import Health
+from lowsnr_common.ros.inputs import NO_PUBLISHER
+from lowsnr_common.ros.inputs import SILENT
 from lowsnr_common.ros.messages import stamp_from_seconds
+import numpy as np
 import pytest
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CameraInfo
+from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
@@ -66,8 +71,38 @@ def test_size_encoding_and_period_are_seen(camera, qos):
     assert (seen.raw, seen.truth, seen.simulated, seen.frames) == (True, False, False, 0)
 
 
+def test_camera_may_send_pixels_without_a_value(camera):
+    def blank(k):
+        message = image(k, '32FC1')
+        message.data = np.full(15, np.nan, np.float32).tobytes()
+        return message
+    camera(blank)
+    assert inspect_camera(TOPIC, 60.0).encoding == '32FC1'
+
+
+@pytest.mark.parametrize('value', [np.nan, 2e9, 1e9])
+def test_frames_with_a_pixel_without_value_are_seen(camera, value):
+    message = image(0.0, '32FC1')
+    message.data = np.full((3, 5), value, 'f4').tobytes()
+
+    def make(k):
+        message.header.stamp = stamp_from_seconds(0.04 * k)
+        return message
+    camera(make)
+    assert bool(inspect_camera(TOPIC, 60.0).blank) == (value != 1e9)
+
+
+def test_compressed_camera_is_seen_as_what_it_is_unpacked_to(camera):
+    data = cv2.imencode('.png', np.full((3, 5), 1000, np.uint16))[1].tobytes()
+    camera(lambda k: CompressedImage(
+        header=Header(stamp=stamp_from_seconds(0.04 * k)), format='mono16; png compressed',
+        data=data), kind=CompressedImage)
+    seen = inspect_camera(TOPIC, 60.0)
+    assert (seen.rows, seen.cols, seen.encoding, seen.compressed) == (3, 5, 'mono16', True)
+
+
 @pytest.mark.parametrize(('make', 'reason'), [
-    (lambda k: image(k, 'bgr8'), 'wrong encoding'),
+    (lambda k: image(k, '32FC3'), 'wrong encoding'),
     (lambda k: image(k, rows=0), 'empty frame'),
     (lambda k: image(k, rows=3 + k % 2), 'changing size'),
     (lambda k: image(0.0), 'constant stamps'),
@@ -109,7 +144,7 @@ def test_camera_that_sends_nothing_is_named(camera, context):
 
 def test_fault_is_printed_once_and_that_it_is_over(capsys):
     now_s = [0.0]
-    watch = CameraWatch(clock=lambda: now_s[0])
+    watch = FrameWatch(clock=lambda: now_s[0])
     health = Health()
 
     def printed(*statuses, after_s=1.0):
@@ -135,6 +170,17 @@ def test_fault_is_printed_once_and_that_it_is_over(capsys):
     assert printed(([], late[5])) == [*back, str(late[5])]
     assert printed(([], late[4]), after_s=30.0) == []
     assert printed(([], late[6]), after_s=61.0) == [str(late[6])]
+
+
+def test_of_recorded_frames_what_is_wrong_with_them_is_printed(capsys):
+    watch, health = FrameWatch(live=False), Health()
+    health.fault = Fault('image_raw', 'blank frame', 'frame 7 is blank')
+    lasting = [Fault('/image_raw', reason, 'text') for reason in (NO_PUBLISHER, SILENT)]
+    for _ in range(2):
+        watch.update(health.status('/conditioner', lasting, {}))
+    watch.update(health.status('/conditioner', [], {}))
+    line, = capsys.readouterr().err.splitlines()
+    assert line.endswith(': image_raw: frame 7 is blank')
 
 
 def test_a_stranger_is_named_once_its_name_is_discovered(capsys):

@@ -18,6 +18,7 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
 SHAPE = (14, 10)
+SCENE = (48, 64)
 
 
 @pytest.fixture
@@ -91,6 +92,43 @@ def test_frames_are_conditioned_and_malformed_ones_answered_with_zeros(
     spin(lambda: any(
         {item.key: item.value for item in report.status[0].values}.get('refused') == '4'
         for report in reports))
+
+
+def float_image(frame, stamp_s):
+    """Return an image of floats."""
+    header = Header(stamp=messages.stamp_from_seconds(stamp_s), frame_id='camera')
+    return messages.frame_to_image(frame, header)
+
+
+def test_pixels_without_a_value_are_no_alarm_and_frames_of_them_are_ignored(
+    conditioner, answers, rng,
+):
+    frames = rng.normal(100.0, 3.0, (14, 40, 48)).astype(np.float32)
+    frames[:, :4] = np.nan  # a border
+    frames[:, 20:26, 30:36] = np.inf  # a mask
+    frames[9:11] = np.nan
+    found, *_ = answers([float_image(frame, 1.0 + k) for k, frame in enumerate(frames)], 14)
+    cells = np.stack([messages.image_to_frame(answer) for answer in found])
+    # What the matched filter takes from beside them is no alarm.
+    assert max(abs(cells[:, :2]).max(), abs(cells[:, 10:13, 15:18]).max()) < 3.0
+    assert not cells[9:11].any()
+    assert 0.7 < cells[11:, 3:, :14].std() < 1.3  # unit noise at once
+    assert conditioner.counts['image_raw blank frame'] == conditioner.counts['refused'] == 2
+
+
+def test_saturated_frame_and_a_cut_are_named(conditioner, answers, rng):
+    scenes = [gaussian_scene(rng) for _ in range(2)]
+    frames = [scenes[k >= 20] + rng.normal(0.0, 2.0, SCENE) for k in range(30)]
+    frames[12] = np.full(SCENE, 255.0)
+    reported = []
+    conditioner.warn = lambda fault: reported.append((fault.reason, fault.text.split()[1]))
+    answers([camera_image(frame, 1.0 + k) for k, frame in enumerate(frames)], 30)
+    assert reported == [('saturated frame', '13'), ('cut', '21')]
+
+
+def gaussian_scene(rng):
+    """Return a scene of smooth structures."""
+    return 120.0 + 150.0 * scipy.ndimage.gaussian_filter(rng.standard_normal(SCENE), 3.0)
 
 
 def test_every_frame_has_its_map_and_the_motion_of_the_camera(answers):

@@ -1,7 +1,11 @@
 """The detector node publishes one array for every frame, an empty one for a malformed frame."""
 
+from bringup_end import BringupEnd
 from diagnostic_msgs.msg import DiagnosticArray
+from lowsnr_common.core.records import AlarmRate
 from lowsnr_common.ros import messages
+from lowsnr_common.ros.run_records import ALARM_RATE
+from lowsnr_common.ros.run_records import rate_from_message
 from lowsnr_detect.node.detector_node import DetectorNode
 import numpy as np
 import pytest
@@ -77,3 +81,22 @@ def test_type_hash_is_the_one_of_every_jazzy(detector, client, spin):
     digest = bytes(info.topic_type_hash.value).hex()
     assert info.topic_type == 'vision_msgs/msg/Detection2DArray'
     assert digest == '214274120007f4a683866481336b70310268cfa107aebe9d594a6acf75bda968'
+
+
+@pytest.mark.parametrize(('point', 'keys'), [
+    ('adaptive', ['asked', 'measured']), ('manual', [])])
+def test_false_alarm_rate_asked_and_measured_goes_to_diagnostics_and_bringup(
+        context, point, keys):
+    node = DetectorNode('cdt', context=context, parameter_overrides=[
+        Parameter(name, value=value) for name, value in {
+            'operating_point': point, 'rows': 40, 'cols': 40, 'false_alarm_prob': 0.05}.items()])
+    try:
+        with BringupEnd(node) as end:
+            node.autostart()
+            node.report()
+            said = end.heard(ALARM_RATE, DiagnosticArray)[-1]
+        assert sorted(node.facts()) == [f'false_alarm_prob {key}' for key in keys]
+        assert rate_from_message(said) == ('/cdt_detector', AlarmRate(0.05, 0.0) if keys
+                                           else AlarmRate())
+    finally:
+        node.destroy_node()

@@ -5,6 +5,7 @@ import re
 
 from lowsnr_common.core.records import Malformed
 from lowsnr_common.ros.images import image_to_array
+from lowsnr_common.ros.images import image_to_whole_array
 import numpy as np
 import pytest
 from sensor_msgs.msg import Image
@@ -33,7 +34,6 @@ def test_every_encoding_byte_order_and_step_is_read(rng, grid_shape, encoding, o
 
 
 @pytest.mark.parametrize(('field', 'value', 'reason', 'numbers'), [
-    ('encoding', 'rgb8', 'wrong encoding', {'8', '1', '16', '32'}),
     ('step', 9, 'wrong step', {'9', '10'}),
     ('step', 11, 'wrong size', {'70', '77'}),
     ('height', 8, 'wrong size', {'70', '80'}),
@@ -48,12 +48,22 @@ def test_malformed_image_is_rejected_with_its_values(grid_shape, field, value, r
     assert set(re.findall(r'\d+', str(caught.value))) == numbers
 
 
+def test_unknown_encoding_is_rejected_with_those_that_are_taken(grid_shape):
+    message = image(np.zeros(grid_shape), 'mono16', '<')
+    message.encoding = '32FC3'
+    with pytest.raises(Malformed, match="'32FC3'.*mono8.*rgb8") as caught:
+        image_to_array(message)
+    assert caught.value.reason == 'wrong encoding'
+
+
 def test_value_that_is_not_finite_is_rejected_with_its_place(grid_shape):
     frame = np.zeros(grid_shape)
     frame[3, 1] = np.nan
+    message = image(frame, '32FC1', '<')
     with pytest.raises(Malformed, match='row 3, column 1') as caught:
-        image_to_array(image(frame, '32FC1', '<'))
+        image_to_whole_array(message)
     assert caught.value.reason == 'cell not a finite number'
+    np.testing.assert_array_equal(image_to_array(message), frame)
 
 
 @pytest.mark.parametrize(('value', 'fits'), [
@@ -64,11 +74,15 @@ def test_value_that_overflows_when_squared_is_rejected(grid_shape, value, fits, 
     frame[3, 1] = value
     message = image(frame, '32FC1', order)
     if fits:
-        assert image_to_array(message)[3, 1] == value
+        assert image_to_array(message)[3, 1] == image_to_whole_array(message)[3, 1] == value
         return
     with pytest.raises(Malformed, match='row 3, column 1') as caught:
-        image_to_array(message)
+        image_to_whole_array(message)
     assert caught.value.reason == 'cell beyond 1e9'
+    frame[3, 1] = np.nan
+    read = image_to_array(message)
+    np.testing.assert_array_equal(read, frame)
+    assert read.dtype == np.float32
 
 
 def test_header_of_a_huge_frame_without_data_costs_nothing():

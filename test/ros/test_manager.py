@@ -7,8 +7,11 @@ from graph_runs import own_domain
 from lowsnr_bringup.ros.manager import Manager
 from lowsnr_bringup.run.processes import ProcessGroup
 from lowsnr_common.core.line import Line
+from lowsnr_common.core.records import AlarmRate
+from lowsnr_common.ros.run_records import ALARM_RATE
 from lowsnr_common.ros.run_records import ChainCounts
 from lowsnr_common.ros.run_records import FrameScored
+from lowsnr_common.ros.run_records import rate_to_message
 from lowsnr_common.ros.run_records import SCORED
 import pytest
 from rclpy.serialization import serialize_message
@@ -23,7 +26,8 @@ def told(monkeypatch, tmp_path):
         manager = Manager(group, [], lambda: None, lambda *_: None)
         _, theirs = group.lines.add()
         with theirs:
-            yield manager, lambda message: Line(theirs).send(SCORED, serialize_message(message))
+            yield manager, lambda message, subject=SCORED: Line(theirs).send(
+                subject, serialize_message(message))
         manager.close()
 
 
@@ -40,3 +44,22 @@ def test_record_that_is_no_scored_frame_is_counted_and_named_once(told, capsys):
     # Without a source in the run the frames that the evaluator sees are those published.
     manager.ledger.close(1, 1)
     assert (manager.ledger.published, manager.ledger.unseen, manager.ledger.lost) == (1, 0, 0)
+
+
+def test_source_does_not_repeat_a_frame_that_is_scored(told):
+    manager, tell = told
+    for k in (1, 2, 1):
+        tell(FrameScored(k * 10**9, k, (ChainCounts('cdt', 0, 0),)).to_message())
+    manager.spin(0.1)
+    assert manager.newest_ns == 2 * 10**9
+
+
+def test_newest_false_alarm_rate_of_each_detector_is_kept(told, capsys):
+    manager, tell = told
+    for rate in (AlarmRate(0.01, 0.5), AlarmRate(0.01, 0.02)):
+        tell(rate_to_message('/sdt/sdt_detector', rate), ALARM_RATE)
+    tell(rate_to_message('/cdt/cdt_detector', AlarmRate(0.01, float('nan'))), ALARM_RATE)
+    manager.spin(0.1)
+    assert manager.alarm_rates == {'sdt_detector': AlarmRate(0.01, 0.02)}
+    assert manager.rejected == {'not a share': 1}
+    assert len(capsys.readouterr().err.splitlines()) == 1

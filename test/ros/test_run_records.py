@@ -3,10 +3,13 @@
 from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.msg import KeyValue
+from lowsnr_common.core.records import AlarmRate
 from lowsnr_common.core.records import Malformed
 from lowsnr_common.ros.run_records import ChainCounts
 from lowsnr_common.ros.run_records import FrameScored
 from lowsnr_common.ros.run_records import NodeRestarted
+from lowsnr_common.ros.run_records import rate_from_message
+from lowsnr_common.ros.run_records import rate_to_message
 import pytest
 from rclpy.serialization import deserialize_message
 from rclpy.serialization import serialize_message
@@ -22,6 +25,24 @@ COUNTS = {'frame': '7', 'detections': '0', 'tracks': '2'}
 def test_record_is_read_back_from_the_wire(record):
     data = serialize_message(record.to_message())
     assert type(record).from_message(deserialize_message(data, DiagnosticArray)) == record
+
+
+@pytest.mark.parametrize('rate', [
+    AlarmRate(), AlarmRate(0.01, 0.0), AlarmRate(1e-9, 1.0), AlarmRate(None, 0.123456789)])
+def test_false_alarm_rate_is_read_back_from_the_wire(rate):
+    data = serialize_message(rate_to_message('/sdt/sdt_detector', rate))
+    assert rate_from_message(deserialize_message(data, DiagnosticArray)) == (
+        '/sdt/sdt_detector', rate)
+
+
+@pytest.mark.parametrize(('values', 'reason'), [
+    ({'asked': '0.1'}, 'wrong keys'), ({'asked': '0.1', 'measured': 'nan'}, 'not a share'),
+    ({'asked': '1.1', 'measured': ''}, 'not a share'),
+    ({'asked': '-0.1', 'measured': ''}, 'not a share')])
+def test_false_alarm_rate_that_is_none_is_rejected(values, reason):
+    with pytest.raises(Malformed) as caught:
+        rate_from_message(DiagnosticArray(status=[status('/sdt_detector', **values)]))
+    assert caught.value.reason == reason
 
 
 def test_messages_are_what_other_programs_read():

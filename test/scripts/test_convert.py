@@ -4,9 +4,9 @@ from pathlib import Path
 import subprocess
 import sys
 
-import convert as make_bag
 import cv2
-from lowsnr_bringup.bags.image_files import FrameReader
+from lowsnr_bringup.formats.film import FrameReader
+from lowsnr_bringup.ros.film_bag import check_room
 import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
@@ -131,10 +131,10 @@ def test_frames_that_the_disk_has_no_room_for_are_not_begun(tmp_path, count, fit
     frames = FrameReader(lambda: iter(()), (1024, 1024), np.dtype(np.uint8), count)
     out = tmp_path / 'new' / 'bag'
     if fits:
-        make_bag.check_room(out, frames)
+        check_room(out, frames)
     else:
         with pytest.raises(ValueError, match=f'^{out}: .* {10**9 * (2**20 + 150)} bytes'):
-            make_bag.check_room(out, frames)
+            check_room(out, frames)
 
 
 def check_rejected(done, culprit, bag):

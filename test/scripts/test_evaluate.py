@@ -28,6 +28,7 @@ import yaml
 ROOT = Path(__file__).resolve().parents[2]
 ARRAY = 'vision_msgs/msg/Detection2DArray'
 FRAMES = 20
+EXPORTED = ('detections.csv', 'tracks.csv')
 
 
 def evaluate(*arguments):
@@ -70,6 +71,16 @@ def test_scores_are_those_of_the_live_run(recorded, tmp_path):
     page = (tmp_path / 'run' / 'report.html').read_text()
     assert '<canvas' in page or '<img' in page or '<svg' in page
     assert 'scripts/evaluate.py' in page
+
+
+def test_declarations_are_exported_as_the_live_run_wrote_them(recorded, tmp_path):
+    bag, live = recorded
+    done = evaluate(bag, '--export', tmp_path / 'out')
+    assert (done.returncode, done.stderr) == (0, '')
+    found = {path.name: path.read_text() for path in (tmp_path / 'out').iterdir()}
+    assert found == {name: (live / name).read_text() for name in EXPORTED}
+    assert found[EXPORTED[0]].count('\n') > FRAMES
+    assert EXPORTED[0] in evaluate(bag, '--export', tmp_path / 'out').stderr
 
 
 def copied(source, folder, topics, mode=CompressionMode.NONE, plugin=StoragePlugin.SQLITE3):

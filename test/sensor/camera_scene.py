@@ -1,8 +1,24 @@
 """A camera's frames: a sky with a slope and stars, noise, and an object that crosses it."""
 
+from lowsnr_sensor.conditioning.conditioner import ConditioningSettings
 import numpy as np
 
 NOISE, PSF = 20.0, 0.9
+DEFAULT = ConditioningSettings()
+
+
+def conditioned(frames, settings=DEFAULT):
+    """Return the outputs of a sequence of frames."""
+    state, outputs = settings.init(np.shape(frames[0])), []
+    for frame in frames:
+        state, output = settings.step(state, frame)
+        outputs.append(output)
+    return outputs
+
+
+def cells_of(frames, settings=DEFAULT):
+    """Return the cells of a sequence of frames."""
+    return np.array([output.cells for output in conditioned(frames, settings)])
 
 
 def camera_scene(amplitude=4.0, shifts=None, frames=60, rows=64, cols=80, seed=1):

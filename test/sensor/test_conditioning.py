@@ -5,7 +5,6 @@ from pathlib import Path
 
 from lowsnr_common.core.frame_map import overlaps
 from lowsnr_common.core.measurement import SensorModel
-from lowsnr_common.core.records import Malformed
 from lowsnr_common.settings.flat_values import flat_values
 from lowsnr_common.settings.flat_values import flatten
 from lowsnr_detect.calibration.operating_point import calibrated
@@ -16,24 +15,12 @@ import pytest
 import scipy.ndimage
 from sensor.camera_scene import at_object
 from sensor.camera_scene import camera_scene
+from sensor.camera_scene import cells_of
+from sensor.camera_scene import conditioned
+from sensor.camera_scene import DEFAULT
 import yaml
 
 FILE = Path(__file__).resolve().parents[2] / 'config' / 'conditioner.yaml'
-DEFAULT = ConditioningSettings()
-
-
-def conditioned(frames, settings=DEFAULT):
-    """Return the outputs of a sequence of frames."""
-    state, outputs = settings.init(np.shape(frames[0])), []
-    for frame in frames:
-        state, output = settings.step(state, frame)
-        outputs.append(output)
-    return outputs
-
-
-def cells_of(frames, settings=DEFAULT):
-    """Return the cells of a sequence of frames."""
-    return np.array([output.cells for output in conditioned(frames, settings)])
 
 
 def test_file_holds_every_setting_with_its_default():
@@ -46,7 +33,7 @@ def test_map_of_an_output_leads_to_its_object(rng, binning):
     settings = ConditioningSettings(binning=binning)
     frames = 100.0 + rng.standard_normal((30, 40, 61))
     row, col = np.mgrid[:40, :61]
-    frames[-1] += 60.0 * np.exp(-((row - 20.3)**2 + (col - 33.8)**2) / 2.0)
+    frames[-2:] += 60.0 * np.exp(-((row - 20.3)**2 + (col - 33.8)**2) / 2.0)
     output = conditioned(frames, settings)[-1]
     where = settings.frame_map(output, 'camera', (40, 61))
     assert (where.size, where.frame_id) == ((61, 40), 'camera')
@@ -101,21 +88,14 @@ def test_offset_and_gain_of_the_camera_have_no_effect(rng, kind):
         cells_of((1000.0 + 64.0 * frames).astype(kind)), cells_of(frames), atol=5e-2)
 
 
-def test_frame_of_another_size_is_rejected(rng):
-    state, _ = DEFAULT.step(DEFAULT.init((8, 9)), rng.standard_normal((8, 9)))
-    with pytest.raises(Malformed) as caught:
-        DEFAULT.step(state, np.zeros((9, 8)))
-    assert caught.value.reason == 'change of size'
-    with pytest.raises(Malformed) as caught:
-        DEFAULT.init((1, 9))
-    assert caught.value.reason == 'too small'
-
-
-def test_cosmic_ray_is_limited_and_a_bright_object_is_not():
+def test_cosmic_rays_are_limited_and_a_bright_object_is_not():
     frames, truth = camera_scene(amplitude=20.0)
     frames[40, 11, 11] += 1000.0
+    frames[40, 51:54, 20:26] += 600.0
     outputs = conditioned(frames)
-    assert outputs[40].cells[4:7, 4:7].max() < 4.5
+    for rows, cols in ((slice(4, 7), slice(4, 7)), (slice(24, 28), slice(9, 14))):
+        assert 3.0 < outputs[40].cells[rows, cols].max() < 6.0
+        assert abs(outputs[41].cells[rows, cols]).max() < 3.5
     seen = at_object(outputs, truth)[10:]
     # A filter of .8 pixel sums to 2.8: pixels limited at 3.5 could not exceed 10.
     assert np.median(seen) > 11.0
@@ -164,24 +144,6 @@ def test_change_of_level_is_reported():
     assert conditioned(disturbed('gain', frames))[30].gain == pytest.approx(1.4, abs=0.02)
 
 
-@pytest.mark.parametrize(('event', 'value'), [
-    ('flat', 1100), ('saturated', 65535), ('blank', np.nan)])
-def test_frame_without_content_is_named_and_the_next_is_conditioned(event, value):
-    frames, truth = camera_scene(amplitude=4.0)
-    frames = frames if event == 'blank' else np.rint(frames).astype(np.uint16)
-    steady = conditioned(frames)
-    frames[25:28] = value
-    outputs = conditioned(frames)
-    assert [output.event for output in outputs[24:29]] == ['', *3 * [event], '']
-    assert not np.any([output.cells for output in outputs[25:28]])
-    assert at_object(outputs, truth)[28] > 0.7 * at_object(steady, truth)[28]
-
-
-def test_first_frame_without_content_is_named():
-    outputs = conditioned(np.full((2, 8, 9), np.nan))
-    assert [output.event for output in outputs] == ['blank', 'blank']
-
-
 @pytest.mark.parametrize('steps', [0.5, 1.0, 2.0, 3.0])
 def test_noise_below_one_grey_step_hides_nothing(steps):
     frames, truth = camera_scene(amplitude=4.0)
@@ -203,31 +165,6 @@ def test_codec_is_recognised_and_its_patterns_stay_below_the_noise(rng):
     outputs = conditioned(frames.astype(np.uint8))
     assert outputs[-1].noise_floor == DEFAULT.codec_floor
     assert max(abs(output.cells).max() for output in outputs) < 4.0
-
-
-def test_pixels_without_a_value_are_not_observed(rng):
-    frames = 50.0 + 3.0 * rng.standard_normal((30, 40, 48))
-    frames[:, :, :9] = np.nan
-    frames[20, 10:20, 30:40] = np.inf
-    cells = cells_of(frames)
-    assert np.isfinite(cells).all()
-    assert not cells[:, :, :3].any()
-    assert not cells[20, 6:9, 16:19].any()
-    assert cells[21:, 6:9, 16:19].all()
-
-
-@pytest.mark.parametrize('kind', ['hot', 'dead', 'blinking'])
-def test_defective_pixels_raise_no_alarm(rng, kind):
-    frames = 1000.0 + 20.0 * rng.standard_normal((80, 40, 48))
-    frames[:, 20, 24] = {
-        'hot': 30_000.0, 'dead': 0.0, 'blinking': 1000.0 + 400.0 * rng.integers(0, 2, 80)}[kind]
-    assert cells_of(frames)[10:, 8:12, 10:14].max() < 5.0
-
-
-def test_frames_without_noise_give_finite_cells():
-    frames = np.zeros((12, 16, 16))
-    frames[8, 4, 4] = 1.0
-    assert np.isfinite(cells_of(frames)).all()
 
 
 @pytest.mark.slow

@@ -67,6 +67,15 @@ def test_sums_over_stripes_and_blocks_are_their_definitions(rng, shape):
 
 
 @pytest.mark.parametrize('shape', SHAPES)
+@pytest.mark.parametrize('reach', [2, 4])
+def test_limit_of_transients_is_its_definition(rng, shape, reach):
+    values, before = (single(scale * rng.standard_normal(shape)) for scale in (9.0, 1.0))
+    found = compiled_steps.transients_limited(values, before, reach)
+    np.testing.assert_array_equal(found, cells.transients_limited(values, before, reach))
+    assert found.size < 100 or (found != values).any()
+
+
+@pytest.mark.parametrize('shape', SHAPES)
 @pytest.mark.parametrize('binning', [1, 2])
 @pytest.mark.parametrize('shift', [(0.0, 0.0), (-3.4, 7.8)])
 def test_matched_filter_is_its_definition(rng, shape, binning, shift):
@@ -74,7 +83,7 @@ def test_matched_filter_is_its_definition(rng, shape, binning, shift):
     rows, cols = (cells.taps(size, size // binning, binning, 0.8, by)
                   for size, by in zip(shape, shift))
     found = compiled_steps.filtered(values, rows, cols)
-    wanted = cells.filtered(cells.single_limited(values), rows, cols)
+    wanted = cells.filtered(values, rows, cols)
     np.testing.assert_allclose(found, wanted, **CLOSE)
 
 
@@ -114,6 +123,15 @@ def test_cubic_interpolation_keeps_a_parabola_and_its_slope():
     y, x = row[:10, :20] + down, col[:10, :20] + right
     for one, two in zip(found, (0.5 * y**2 - 0.3 * y * x + 2.0 * x, y - 0.3 * x, 2.0 - 0.3 * y)):
         np.testing.assert_allclose(one, two, atol=2e-3)
+
+
+@pytest.mark.parametrize('by', [(0, 0), (0, 2), (3, -4), (-1, 0), (-9, 5), (2, 7), (12, -12)])
+def test_plane_is_moved_as_by_loops(rng, by):
+    plane, wanted = single(rng.standard_normal((5, 7))), np.full((5, 7), np.nan, np.float32)
+    for row, col in np.ndindex(5, 7):
+        if 0 <= row + by[0] < 5 and 0 <= col + by[1] < 7:
+            wanted[row, col] = plane[row + by[0], col + by[1]]
+    np.testing.assert_array_equal(pixels.moved_by(plane, by, np.nan), wanted)
 
 
 @pytest.mark.parametrize('position', [(2.0, -3.0), (1.4, 6.7)])

@@ -1,5 +1,6 @@
 """Tasks that the worker processes of a study run in tests."""
 
+from multiprocessing.connection import Connection
 import os
 from pathlib import Path
 import signal
@@ -14,6 +15,21 @@ def die_once(mark: Path, number: int) -> int:
     except FileExistsError:
         return number
     signal.raise_signal(signal.SIGKILL)
+    return number
+
+
+def die_while_sending(mark: Path, number: int) -> int:
+    """Return a number; the first process that gets here dies in the middle of its result."""
+    def send_half(pipe: Connection, data: bytes) -> None:
+        os.write(pipe.fileno(), data[:len(data) // 2])
+        signal.raise_signal(signal.SIGKILL)
+
+    try:
+        with mark.open('x', encoding='utf-8') as file:
+            file.write(str(os.getpid()))
+    except FileExistsError:
+        return number
+    Connection._send = send_half
     return number
 
 

@@ -86,6 +86,6 @@ def test_all_detectors_run_side_by_side(bringup):
         assert levels['detection']['unanswered'] == levels['tracking']['unanswered'] == 0
         assert levels['detection']['hits'] > 0
         # Detectors that estimate a whole state are scored for its velocity too.
-        whole = 'tbd' in name or name == 'hmm'
+        whole = 'tbd' in name or name in ('bernoulli', 'hmm', 'pmf')
         assert (levels['detection']['rmse_velocity_mps'] is not None) == whole
         assert name in out.split()

@@ -10,10 +10,12 @@ from pathlib import Path
 import subprocess
 import sys
 
+from graph_runs import graph_environment
 from graph_runs import own_domain
 from graph_runs import start_bringup
 from lowsnr_bringup.bags.reader import Bag
 from lowsnr_common.ros import messages
+from lowsnr_eval.scoring.scene import read_scene
 import numpy as np
 import pytest
 
@@ -54,6 +56,14 @@ def replayed(tmp_path):
         # Whatever the conditioner does inside, answers are about the frame of their header.
         assert {message.header.frame_id for topic in ('/tracks', '/camera_motion')
                 for message in answers[topic]} == {answers['/image_raw'][0].header.frame_id}
+        # The report has each frame beside its conditioned cells, of two pixels a side.
+        lines, frames, cells = read_scene(tmp_path / 'run')
+        assert len(lines) == len(data['frames'])
+        for line, frame, plane in zip(lines, frames, cells):
+            assert frame.shape == data['frames'][0].shape
+            assert plane.shape == (frame.shape[0] // 2, frame.shape[1] // 2)
+            assert line['cells']['side'] == 2
+        assert replay.summary()['detectors'][detector]['pfa_asked'] == 0.01
         return data, answers, replay.summary()
     return run
 
@@ -118,3 +128,18 @@ def test_star_in_a_coronagraph_is_followed_without_false_tracks(replayed):
         [data['truth'][None], data['other_truth'], data['uncatalogued_truth']])
     false = [not near(places, known[:, k]).any(axis=1).all() for k, places in enumerate(tracks)]
     assert np.mean(false) < 0.02
+
+
+@pytest.mark.slow
+def test_benchmark_finds_the_same_in_this_process_and_through_the_graph(tmp_path):
+    """The object of a still camera, as recorded and erased; the last column is a time."""
+    sequence('dd_drone_151')
+    rows = []
+    for option in ((), ('--graph',)):
+        out = subprocess.run(
+            [sys.executable, str(ROOT / 'benchmarks' / 'real_frames.py'), '--sequence',
+             'dd_drone_151', '--out', str(tmp_path), *option], check=True, timeout=400,
+            capture_output=True, text=True, env=graph_environment(own_domain())).stdout
+        rows += [line.split('|')[1:-2] for line in out.splitlines() if 'dd_drone_151' in line]
+    assert rows[0] == rows[1]
+    assert float(rows[0][2].split('/')[0]) > 0.9

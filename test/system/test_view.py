@@ -1,7 +1,6 @@
 """What ``--view`` shows of a real run, and that showing it changes nothing."""
 
 import functools
-import json
 from pathlib import Path
 
 from graph_runs import own_domain
@@ -171,31 +170,3 @@ def test_run_goes_on_without_a_viewer_that_died(widowed):
     assert run.summary()['frames'] == {
         'expected': FRAMES, 'published': FRAMES, 'scored': FRAMES, 'unanswered': 0, 'unseen': 0,
         'lost': 0}
-
-
-def test_rviz_configuration_shows_the_topics_of_the_viewer():
-    config = yaml.safe_load((CONFIG / 'lowsnr.rviz').read_text())['Visualization Manager']
-    displays = {item['Topic']['Value']: item for item in config['Displays']}
-    assert {topic: item['Class'] for topic, item in displays.items()} == {
-        'overlay': 'rviz_default_plugins/Image', 'image_raw': 'rviz_default_plugins/Image',
-        'markers': 'rviz_default_plugins/MarkerArray'}
-    assert displays['image_raw']['Normalize Range'] is True
-    # Seen by the orbit camera, x points right and y down.
-    view = config['Views']['Current']
-    pitch, yaw = view['Pitch'], view['Yaw']
-    ahead = -np.array([np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), np.sin(pitch)])
-    right = np.cross(ahead, [0.0, 0.0, 1.0]) / np.hypot(*ahead[:2])
-    assert right == pytest.approx([1.0, 0.0, 0.0], abs=1e-3)
-    assert np.cross(ahead, right) == pytest.approx([0.0, 1.0, 0.0], abs=2e-3)
-
-
-def test_foxglove_layout_shows_panels_that_it_describes():
-    config = json.loads((CONFIG / 'lowsnr_foxglove.json').read_text())
-
-    def panels(node):
-        return {node} if isinstance(node, str) else panels(node['first']) | panels(node['second'])
-
-    assert panels(config['layout']) == set(config['configById'])
-    text = json.dumps(config)
-    for topic in ('/overlay', '/image_raw', '/markers', '/tracks.detections', '/diagnostics'):
-        assert f'"{topic}' in text

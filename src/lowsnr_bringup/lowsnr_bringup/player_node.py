@@ -8,6 +8,7 @@ import time
 from typing import Any
 
 from builtin_interfaces.msg import Time
+from lowsnr_bringup.bags.bag_frames import COMPRESSED
 from lowsnr_bringup.bags.reader import Bag
 from lowsnr_bringup.bags.replay import played_frames
 from lowsnr_bringup.bags.replay import PlayedFrame
@@ -15,6 +16,7 @@ from lowsnr_common.core.records import Malformed
 from lowsnr_common.ros import messages
 from lowsnr_common.ros.bringup_line import DATA_TIME
 from lowsnr_common.ros.connections import wait_for_readers
+from lowsnr_common.ros.images import unpacked
 from lowsnr_common.ros.lockstep import Lockstep
 from lowsnr_common.ros.managed_node import ManagedNode
 from lowsnr_common.ros.node_main import run
@@ -27,6 +29,7 @@ from rclpy.lifecycle import LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import Image
 from vision_msgs.msg import Detection2DArray
 
@@ -37,9 +40,9 @@ class PlayerNode(ManagedNode):
     """
     Publish ``image_raw``, ``ground_truth``, ``ground_truth/odometry`` and ``/clock``.
 
-    The node publishes the bytes that were recorded.  It publishes a frame by the wall clock, at
-    ``rate_hz`` or at the recorded times, or, in lockstep, when the evaluator has scored the frame
-    before it.  After the last frame the node ends its process.
+    The node publishes the bytes that were recorded; it unpacks compressed images.  It publishes a
+    frame by the wall clock, at ``rate_hz`` or at the recorded times, or, in lockstep, when the
+    evaluator has scored the frame before it.  After the last frame the node ends its process.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -51,8 +54,11 @@ class PlayerNode(ManagedNode):
         depth, playing = self.settings.queue_depth, self.playing
         self._bag = Bag(Path(playing.bag))
         self._left = playing.frames or -1
-        self._frames = self._after(
-            played_frames(self._bag, playing.frames_topic, playing.truth_topic))
+        self._compressed = self._bag.topics.get(playing.frames_topic) == COMPRESSED
+        self._truth_bag = Bag(Path(playing.truth_bag)) if playing.truth_bag else None
+        self._frames = self._after(played_frames(
+            self._bag, playing.frames_topic, playing.truth_topic, playing.left_out,
+            self._truth_bag))
         self._image = self.create_publisher(
             Image, 'image_raw', reliable(frame_depth(depth, playing.rows, playing.cols)))
         self._data_time = self.create_publisher(Clock, DATA_TIME, reliable(depth))
@@ -121,12 +127,16 @@ class PlayerNode(ManagedNode):
         seconds, nanoseconds = divmod(frame.stamp_ns, 1_000_000_000)
         data_time = Clock(clock=Time(sec=seconds, nanosec=nanoseconds))
         self._data_time.publish(data_time)
-        self.bringup.tell(DATA_TIME, data_time)
         if frame.truth is not None:
             for data in frame.odometry or self._odometry_of(frame.truth.data):
                 self._odometry.publish(data)
             self._array.publish(frame.truth.data)
-        self._image.publish(frame.image)
+        self._image.publish(self._unpacked(frame.image) if self._compressed else frame.image)
+        self.bringup.tell(DATA_TIME, data_time)  # last: what is told is not played again
+
+    def _unpacked(self, data: bytes) -> Image:
+        """Return a compressed image as one that nodes take."""
+        return unpacked(deserialize_message(data, CompressedImage))
 
     def _odometry_of(self, data: bytes) -> list[Odometry]:
         """Return odometry, without velocity, for truth that was recorded without odometry."""
@@ -143,7 +153,8 @@ class PlayerNode(ManagedNode):
         wait_for_readers(self.outputs)
         for note in self._bag.notes:
             self.get_logger().warning(note)
-        self._bag.close()
+        for bag in filter(None, (self._bag, self._truth_bag)):
+            bag.close()
         self.finish()
 
 

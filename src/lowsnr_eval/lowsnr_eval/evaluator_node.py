@@ -8,9 +8,12 @@ import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from lowsnr_common.core.frame_map import FrameMap
 from lowsnr_common.core.records import Malformed
+from lowsnr_common.core.timeline import in_seconds
 from lowsnr_common.ros import messages
 from lowsnr_common.ros import run_records
+from lowsnr_common.ros.frame_maps import FrameMaps
 from lowsnr_common.ros.images import image_to_array
 from lowsnr_common.ros.managed_node import ManagedNode
 from lowsnr_common.ros.node_main import run
@@ -18,6 +21,7 @@ from lowsnr_common.ros.parameters import declare
 from lowsnr_common.ros.qos import any_reliability
 from lowsnr_common.ros.qos import reliable
 from lowsnr_common.settings.node_settings import Evaluation
+from lowsnr_common.settings.node_settings import FrameSettings
 from lowsnr_common.settings.node_settings import RunSettings
 from lowsnr_eval.scoring.frame_join import Arrival
 from lowsnr_eval.scoring.run_scoring import RunScorer
@@ -46,13 +50,14 @@ class EvaluatorNode(ManagedNode):
         super().__init__('evaluator', **kwargs)
         self.run = declare(self, RunSettings)
         self.evaluation = declare(self, Evaluation)
+        self.frames = declare(self, FrameSettings)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Open the results and subscribe to truth and answers."""
         self._scorer = RunScorer(
             self.run, self.evaluation,
             lambda text, reason: self.reject('frame', reason, text),
-            resumed=self._begun or self.settings.lives > 0)
+            resumed=self._begun or self.settings.lives > 0, conditioned=self.frames.conditioned)
         self._begun = True
         depth = reliable(self.settings.queue_depth)
         self._restarted: deque[tuple[float, str]] = deque(maxlen=_MOST_RESTARTED)
@@ -65,6 +70,10 @@ class EvaluatorNode(ManagedNode):
             self.listen(
                 Detection2DArray, topic, partial(self._on_array, topic), depth, first=states)
         self.listen(Image, 'image_raw', self._on_frame, any_reliability(WAITING))
+        if self.frames.conditioned:
+            maps = FrameMaps(self, True, self._on_cells)
+            self.listen(Image, 'conditioned/image_raw', maps.take, any_reliability(WAITING),
+                        first=maps.input)
         self.bringup.hear(run_records.RESTARTS, DiagnosticArray, self._on_restart)
         self.create_timer(_FLUSH_EVERY_S, self._on_timer)
         return TransitionCallbackReturn.SUCCESS
@@ -99,7 +108,7 @@ class EvaluatorNode(ManagedNode):
         if arrival is not Arrival.USED:
             self.counts['late'] += 1
             raise Malformed(
-                arrival.value, f'the array of {stamp / 1e9:.9g} s is {arrival.value}')
+                arrival.value, f'the array of {in_seconds(stamp)} s is {arrival.value}')
         self._score()
 
     def _on_state(self, topic: str, message: Odometry) -> None:
@@ -111,6 +120,11 @@ class EvaluatorNode(ManagedNode):
         """Keep a frame for the report, which alone shows it."""
         if self.active and not self._scorer.scene.full:
             self._scorer.scene.add_frame(_stamp(image.header), image_to_array(image))
+
+    def _on_cells(self, image: Image, where: FrameMap | None) -> None:
+        """Keep the cells of a conditioned frame for the report."""
+        if self.active and where is not None and not self._scorer.scene.full:
+            self._scorer.scene.add_cells(_stamp(image.header), image_to_array(image), where)
 
     def _on_timer(self) -> None:
         now_s = time.monotonic()
@@ -154,7 +168,7 @@ def _stamp(header: Header) -> int:
     """Return a stamp [ns] that a message can carry on, or raise Malformed."""
     stamp = messages.stamp_key(header.stamp)
     if not 0 <= stamp < _LATEST_NS:
-        raise Malformed('not a stamp', f'the stamp is {stamp / 1e9:.9g} s')
+        raise Malformed('not a stamp', f'the stamp is {in_seconds(stamp)} s')
     return stamp
 
 

@@ -8,6 +8,7 @@ from typing import Any
 from geometry_msgs.msg import TransformStamped
 from lowsnr_common.core.records import Malformed
 from lowsnr_common.ros import messages
+from lowsnr_common.ros.diagnostics import Fault
 from lowsnr_common.ros.frame_maps import map_to_info
 from lowsnr_common.ros.frame_maps import map_to_motion
 from lowsnr_common.ros.images import image_to_array
@@ -20,6 +21,7 @@ from lowsnr_common.ros.qos import reliable
 from lowsnr_sensor.conditioning.conditioner import ConditioningSettings
 from lowsnr_sensor.conditioning.state import Conditioned
 from lowsnr_sensor.conditioning.state import ConditionerState
+import numpy as np
 from rclpy.lifecycle import LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn
 import scipy.ndimage  # noqa: F401  (here, so that the first frame does not wait for it)
@@ -30,8 +32,13 @@ from std_msgs.msg import Header
 
 # Before the first frame the size is unknown: the queues are as deep as for frames of this size.
 _ASSUMED_SHAPE = (1024, 1024)
+_WARM_UP_SHAPE, _WARM_UP_FRAMES = (64, 64), 6
 # From the scene of a node to that of the one after its restart: beyond what any camera turns.
 _FAR_CELLS = 1_000_000
+# The events of a conditioned frame that mean that it is ignored.
+_WITHOUT_CONTENT = {
+    'blank': 'most pixels have no value', 'saturated': 'most pixels have the largest value',
+    'flat': 'the scene is not seen in it'}
 
 
 class ConditionerNode(ManagedNode):
@@ -47,17 +54,19 @@ class ConditionerNode(ManagedNode):
         self.conditioning = declare(self, ConditioningSettings)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Create publishers and the subscription."""
+        """Create publishers and the subscription, and load the compiled loops."""
+        preload()
         depth, detectors = self.settings.queue_depth, self.settings.consumers
         frames = frame_depth(depth, *_ASSUMED_SHAPE)
         self._conditioner_state: ConditionerState | None = None
-        self._event = ''
         self._motion = self.create_publisher(TransformStamped, 'camera_motion', reliable(depth))
         self._info = self.create_publisher(
             CameraInfo, 'conditioned/camera_info', reliable(depth))
         self._image = self.create_publisher(Image, 'conditioned/image_raw', reliable(frames))
+        evaluators = int(detectors > 0)
         self.outputs = {  # each detector has a tracker
-            self._motion: 0, self._info: 2 * detectors, self._image: detectors}
+            self._motion: 0, self._info: 2 * detectors + evaluators,
+            self._image: detectors + evaluators}
         self.listen(Image, 'image_raw', self._on_frame, any_reliability(frames))
         return TransitionCallbackReturn.SUCCESS
 
@@ -76,10 +85,18 @@ class ConditionerNode(ManagedNode):
             self.reject(
                 'image_raw', error.reason, f'{error}; frame rejected, published as zeros')
             output = self.conditioning.unobserved(self._conditioner_state)
-        if output.event and output.event != self._event:
-            self.get_logger().info(f'frame {self.counts["in"]}: {output.event}')
-        self._event = output.event
+        self._name(output.event)
         self._publish(output, image.header, self._conditioner_state.shape)
+
+    def _name(self, event: str) -> None:
+        """Report what is unusual about a frame: that it has no content, or a cut."""
+        what = f'frame {self.counts["in"]}'
+        if event == 'cut':
+            self.warn(Fault('image_raw', event, f'{what} shows another scene: the background, '
+                            'what detectors remember and tracks start anew'))
+        elif event in _WITHOUT_CONTENT:
+            self.reject('image_raw', f'{event} frame', f'{what} is {event}: '
+                        f'{_WITHOUT_CONTENT[event]}; frame ignored, published as zeros')
 
     def _first_state(self, shape: tuple[int, ...]) -> ConditionerState:
         """Return the state before the first frame: of a restarted node, in another scene."""
@@ -94,6 +111,17 @@ class ConditionerNode(ManagedNode):
         own = Header(stamp=header.stamp, frame_id=f'{header.frame_id}_cells')
         self._image.publish(messages.frame_to_image(output.cells, own))
         self.counts['out'] += 1
+
+
+def preload() -> None:
+    """Condition a few small frames of a moving camera, so that the compiled loops are ready."""
+    conditioning = ConditioningSettings()
+    rng = np.random.default_rng(0)
+    scene = np.kron(rng.standard_normal((16, 20)), np.full((4, 4), 100.0))
+    state = conditioning.init(_WARM_UP_SHAPE)
+    for k in range(_WARM_UP_FRAMES):
+        frame = scene[:_WARM_UP_SHAPE[0], k:k + _WARM_UP_SHAPE[1]]
+        state, _ = conditioning.step(state, frame + rng.standard_normal(_WARM_UP_SHAPE))
 
 
 def main(args: list[str] | None = None) -> None:

@@ -111,12 +111,12 @@ class SensorNode(ManagedNode):
         estimates = [Estimate(o.state, np.zeros((4, 4)), 1.0, o.id) for o in objects]
         data_time = Clock(clock=header.stamp)
         self._data_time.publish(data_time)
-        self.bringup.tell(DATA_TIME, data_time)
         for item in estimates:
             self._odometry.publish(messages.estimate_to_odometry(item, header))
         self._array.publish(messages.estimates_to_array(
             estimates, header, self.simulation.sensor.cell_size_m))
         self._image.publish(messages.frame_to_image(frame, header))
+        self.bringup.tell(DATA_TIME, data_time)  # last: what is told is not published again
         self.counts['out'] += 1
         self._prepare()
 

@@ -16,7 +16,7 @@ from lowsnr_common.settings.text import read_yaml
 
 METADATA_FILE = 'metadata.yaml'
 INFORMATION = 'rosbag2_bagfile_information'
-_SUFFIXES = ('.mcap', '.db3', '.mcap.zstd', '.db3.zstd')
+_SUFFIXES = ('.mcap', '.db3', '.mcap.zstd', '.db3.zstd', '.bag')
 _COMPRESSIONS = ('', 'none', 'file', 'message')
 
 
@@ -42,6 +42,15 @@ class BagFiles:
     compression: str = ''
     custom: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+
+
+def is_bag(path: Path) -> bool:
+    """Whether something is a bag by its name, or by the names of what it holds."""
+    try:
+        names = [item.name for item in path.iterdir()] if path.is_dir() else [path.name]
+    except OSError:
+        return False
+    return any(name == METADATA_FILE or name.endswith(_SUFFIXES) for name in names)
 
 
 def find_files(path: Path) -> BagFiles:

@@ -9,6 +9,7 @@ import tokenize
 import zipfile
 import zlib
 
+from lowsnr_common.settings.text import printable
 from mcap.exceptions import McapError
 from rosbags.serde import SerdeError
 from zstandard import ZstdError
@@ -37,6 +38,6 @@ class UnusableFile(ValueError):
     """
 
     def __init__(self, path: Path, reason: str, sentence: str) -> None:
-        super().__init__(f'{path}: {sentence}')
+        super().__init__(printable(f'{path}: {sentence}'))
         self.path = path
         self.reason = reason

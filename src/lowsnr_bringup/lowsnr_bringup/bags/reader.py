@@ -19,6 +19,7 @@ from typing import Any
 from typing import NamedTuple
 
 from lowsnr_bringup.bags import mcap_storage
+from lowsnr_bringup.bags import ros1_storage
 from lowsnr_bringup.bags import sqlite_storage
 from lowsnr_bringup.bags.bag_files import BagFiles
 from lowsnr_bringup.bags.bag_files import find_files
@@ -36,6 +37,7 @@ from rosbags.typesys.store import Typestore
 
 _READERS: Mapping[bytes, Callable[[Path], StorageReader]] = {
     mcap_storage.MAGIC: mcap_storage.McapStorageReader,
+    ros1_storage.MAGIC: ros1_storage.Ros1StorageReader,
     sqlite_storage.MAGIC: sqlite_storage.SqliteStorageReader}
 
 
@@ -201,7 +203,8 @@ def _magic(path: Path, plain: Path) -> bytes:
     for magic in _READERS:
         if head.startswith(magic):
             return magic
-    raise UnusableFile(path, 'not a bag', 'is not a bag: it is neither MCAP nor SQLite')
+    raise UnusableFile(
+        path, 'not a bag', 'is not a bag: it is neither MCAP nor SQLite nor a bag of ROS 1')
 
 
 @cache

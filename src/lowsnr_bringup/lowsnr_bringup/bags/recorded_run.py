@@ -8,14 +8,19 @@ from dataclasses import field
 from pathlib import Path
 from typing import Any
 
-from lowsnr_bringup.bags.errors import UnusableFile
+from lowsnr_bringup.bags.bag_frames import BagFrames
+from lowsnr_bringup.bags.bag_frames import check_type
+from lowsnr_bringup.bags.bag_frames import COMPRESSED
+from lowsnr_bringup.bags.bag_frames import IMAGE
+from lowsnr_bringup.bags.bag_frames import read_frames
 from lowsnr_bringup.bags.reader import Bag
 from lowsnr_bringup.bags.recording import CUSTOM_PARAMETERS
 from lowsnr_common.settings.text import load_yaml
 from lowsnr_common.settings.text import one_line
 import numpy as np
 
-IMAGE, ARRAY = 'sensor_msgs/msg/Image', 'vision_msgs/msg/Detection2DArray'
+ARRAY = 'vision_msgs/msg/Detection2DArray'
+CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
 _FRAMES = '/image_raw'
 
 
@@ -48,6 +53,12 @@ class RecordedRun:
         A line for each thing that is damaged or missing.
     frames_topic
         Topic of the frames.
+    compressed
+        Whether a camera sends compressed images.
+    left_out : tuple of int
+        Indices of the frames whose stamps are not in order, see :func:`increasing`.
+    blank
+        The first frame with a pixel that is not a finite number up to 1e9; empty if none has.
 
     """
 
@@ -64,6 +75,9 @@ class RecordedRun:
     sensor: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     frames_topic: str = _FRAMES
+    compressed: bool = False
+    left_out: tuple[int, ...] = ()
+    blank: str = ''
 
 
 def inspect_bag(path: Path, frames_topic: str | None, truth_topic: str) -> RecordedRun:
@@ -81,76 +95,65 @@ def inspect_bag(path: Path, frames_topic: str | None, truth_topic: str) -> Recor
     ------
     UnusableFile
         With a reason of :class:`~lowsnr_bringup.bags.reader.Bag` or :func:`check_type`, or
-        ``no frames``, ``stamps`` that do not increase, or ``size`` of a frame that is not that
-        of the first one.
+        ``no frames``, ``stamps`` of which no two are in order, ``size`` of a frame that is not
+        that of the first one, or that of a malformed image.
 
     """
     with Bag(path) as bag:
         parameters = recorded_parameters(bag)
         frames_topic = frames_topic or recorded_frames_topic(bag, parameters)
-        check_type(bag, frames_topic, IMAGE, '--frames-topic')
+        check_type(bag, frames_topic, (IMAGE, COMPRESSED), '--frames-topic')
         truth = truth_topic in bag.topics
         if truth:
-            check_type(bag, truth_topic, ARRAY, '--truth-topic')
-        stamps_ns, (rows, cols), encoding = _read_frames(bag, frames_topic)
-        for message in bag.messages({truth_topic, f'{truth_topic}/odometry'} if truth else ()):
-            bag.read(message)
+            check_type(bag, truth_topic, (ARRAY,), '--truth-topic')
+        frames = read_frames(bag, frames_topic)
         evaluator = parameters.get('/evaluator', {})
-        steps_s = np.diff(stamps_ns) / 1e9
+        raw = not evaluator or '/conditioner' in parameters
+        told = _read_truth(bag, truth_topic, frames, raw) if truth else []
+        steps_s = np.diff(frames.stamps_ns[frames.kept]) / 1e9
+        out = np.setdiff1d(np.arange(len(frames.stamps_ns)), frames.kept)
         return RecordedRun(
             name=one_line(evaluator.get('scenario') or path.resolve().stem),
-            frames=len(stamps_ns), rows=rows, cols=cols,
+            frames=len(frames.kept), rows=frames.shape[0], cols=frames.shape[1],
             period_s=float(np.median(steps_s)) if steps_s.size else 1.0,
-            truth=truth, encoding=encoding, raw=not evaluator or '/conditioner' in parameters,
+            truth=truth, encoding=frames.encoding, raw=raw,
             simulated='/sensor' in parameters or bool(
                 parameters.get('/player', {}).get('simulated')),
-            seed=evaluator.get('seed'), notes=tuple(bag.notes), frames_topic=frames_topic,
+            seed=evaluator.get('seed'),
+            notes=(*bag.notes, *filter(None, [frames.note(frames_topic), *told])),
+            frames_topic=frames_topic, left_out=tuple(map(int, out)), blank=frames.blank,
             sensor={k: v for k, v in evaluator.items() if k.startswith('sensor.')})
 
 
-def check_type(bag: Bag, topic: str, msgtype: str, option: str) -> None:
-    """
-    Check that a bag has a topic of a type.
+def _read_truth(bag: Bag, topic: str, frames: BagFrames, raw: bool) -> list[str]:
+    """Read all truth; return what is wrong with that of a camera, whose truth is in pixels."""
+    stamps_ns, outside, count = set(), 0, 0
+    rows, cols = frames.shape
+    for message in bag.messages({topic, f'{topic}/odometry'}):
+        read = bag.read(message)
+        if message.topic != topic:
+            continue
+        stamps_ns.add(read.header.stamp.sec * 1_000_000_000 + read.header.stamp.nanosec)
+        for item in read.detections:
+            place = item.bbox.center.position
+            inside = -0.5 <= place.x < cols - 0.5 and -0.5 <= place.y < rows - 0.5
+            count, outside = count + 1, outside + (not inside)
+    found = []
+    if raw and outside:
+        found.append(f'{topic}: {outside} of {count} positions are outside the picture of {cols} '
+                     f'x {rows} pixels, and count as missed')
+    if raw and stamps_ns and not stamps_ns & {*frames.stamps_ns.tolist()}:
+        found.append(f'{topic}: no message has the stamp of a frame, so that nothing can be hit; '
+                     '--truth FILE joins truth by the nearest time')
+    return found
 
-    Raises
-    ------
-    UnusableFile
-        With reason ``type`` or ``no topic``; the line names the topics of that type, and the
-        option that picks one.
 
-    """
-    alike = sorted(name for name, kind in bag.topics.items() if kind == msgtype)
-    if topic in bag.topics and topic not in alike:
-        raise UnusableFile(
-            bag.path, 'type', f'{topic} is of type {bag.topics[topic]}, not {msgtype}')
-    if topic not in bag.topics:
-        hint = f'; {option} can be {", ".join(alike)}' if alike else ''
-        raise UnusableFile(bag.path, 'no topic', f'has no topic {topic} of type {msgtype}{hint}')
-
-
-def _read_frames(bag: Bag, topic: str) -> tuple[list[int], tuple[int, int], str]:
-    """Return the stamps [ns] of the frames, their rows and columns, and their encoding."""
-    stamps_ns: list[int] = []
-    shape, encoding = (0, 0), ''
-    for message in bag.messages({topic}):
-        image = bag.read(message)
-        stamp_ns = image.header.stamp.sec * 1_000_000_000 + image.header.stamp.nanosec
-        where = f'{topic}: frame {len(stamps_ns) + 1}'
-        if stamps_ns and stamp_ns <= stamps_ns[-1]:
-            raise UnusableFile(
-                bag.path, 'stamps', f'{where} has stamp {stamp_ns / 1e9:.9g} s, which is not '
-                f'after {stamps_ns[-1] / 1e9:.9g} s of the one before')
-        shape = shape if stamps_ns else (image.height, image.width)
-        if (image.height, image.width) != shape or not all(shape):
-            raise UnusableFile(
-                bag.path, 'size', f'{where} has {image.width} x {image.height} pixels'
-                + f' after frames of {shape[1]} x {shape[0]}' * all(shape))
-        stamps_ns.append(stamp_ns)
-        encoding = image.encoding
-    if not stamps_ns:
-        because = f' ({"; ".join(bag.notes)})' if bag.notes else ''
-        raise UnusableFile(bag.path, 'no frames', f'{topic}: no frames{because}')
-    return stamps_ns, shape, encoding
+def frames_of(path: Path, frames_topic: str | None) -> BagFrames:
+    """Return the frames of a bag; raises as :func:`inspect_bag`."""
+    with Bag(path) as bag:
+        topic = frames_topic or recorded_frames_topic(bag, recorded_parameters(bag))
+        check_type(bag, topic, (IMAGE, COMPRESSED), '--frames-topic')
+        return read_frames(bag, topic)
 
 
 def recorded_frames_topic(bag: Bag, parameters: Mapping[str, Mapping[str, Any]]) -> str:

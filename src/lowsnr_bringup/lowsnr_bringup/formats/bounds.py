@@ -6,8 +6,7 @@ import math
 from pathlib import Path
 
 from lowsnr_bringup.bags.errors import UnusableFile
-
-MOST_PIXELS = 2**26  # 8192 x 8192
+from lowsnr_common.images.compressed import MOST_PIXELS
 
 
 def check_frame_size(path: Path, shape: tuple[int, ...]) -> None:

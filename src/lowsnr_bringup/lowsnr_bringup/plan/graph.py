@@ -56,7 +56,8 @@ KINDS = {
     'conditioner': NodeKind('lowsnr_sensor.conditioner_node', (ConditioningSettings,)),
     'tracker': NodeKind('lowsnr_track.tracker_node', (FrameSettings, PdaMmpf)),
     'viewer': NodeKind('lowsnr_eval.viewer_node', (ViewSettings,)),
-    'evaluator': NodeKind('lowsnr_eval.evaluator_node', (RunSettings, Evaluation)),
+    'evaluator': NodeKind(
+        'lowsnr_eval.evaluator_node', (RunSettings, Evaluation, FrameSettings)),
     'recorder': NodeKind('lowsnr_bringup.recorder_node', (RecorderSettings,)),
 }
 
@@ -106,6 +107,11 @@ class Node:
         return self.name in ('sensor', 'player')
 
     @property
+    def takes_raw(self) -> bool:
+        """Whether the node takes frames of a camera, recorded or live, as they are."""
+        return self.live or self.name == 'conditioner'
+
+    @property
     def detector(self) -> bool:
         """Whether the node runs a detector."""
         return self.name.endswith(_DETECTOR)
@@ -147,7 +153,7 @@ def run_nodes(
     info = (f'camera_info:={CONDITIONED}camera_info',) * conditioned
     frames = (f'image_raw:={CONDITIONED}image_raw', *info) if conditioned else raw
     own = raw * live  # of nodes without a namespace
-    nodes = [_node('evaluator', remaps=own, live=live)]
+    nodes = [_node('evaluator', remaps=(*own, *info), live=live)]
     for name in detectors:
         space = f'/{name}' * several
         if viewed:

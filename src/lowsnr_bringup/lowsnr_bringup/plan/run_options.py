@@ -50,6 +50,7 @@ class RunOptions:
     replay: Path | None = None
     frames_topic: str | None = None
     truth_topic: str = '/ground_truth'
+    truth_bag: Path | None = None
     condition: str = 'auto'
     view: bool = False
     respawn: bool | None = None

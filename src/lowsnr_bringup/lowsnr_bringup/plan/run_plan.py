@@ -20,7 +20,9 @@ from lowsnr_bringup.plan.graph import Values
 from lowsnr_bringup.plan.run_options import RunOptions
 from lowsnr_bringup.plan.sources import find_source
 from lowsnr_bringup.plan.sources import Look
+from lowsnr_bringup.plan.sources import MATCHED
 from lowsnr_bringup.plan.sources import Source
+from lowsnr_detect.calibration.operating_point import known_curve
 from lowsnr_detect.parts.detector import Detector
 from lowsnr_detect.parts.detector import refuse_late_answers
 from lowsnr_detect.parts.registry import detector_class
@@ -37,7 +39,7 @@ class RunPlan:
     nodes: list[graph.Node]  # subscribers before publishers
     parameters: dict[str, Values]  # of every node, by its full name
     detectors: dict[str, Detector]  # by the full name of their nodes
-    notes: tuple[str, ...] = ()  # what is wrong with the bag that is replayed, one line each
+    notes: tuple[str, ...] = ()  # what the user should know before it starts, one line each
     respawn: bool = False  # whether nodes that die are started again
 
     @property
@@ -92,15 +94,21 @@ def plan_run(options: RunOptions, config_folder: Path, look: Look | None = None)
         graph.wiring(nodes, detectors, source.name),  # how many subscribers each node has
         overrides)  # --set
     built = _build_detectors(nodes, parameters)
+    notes = source.notes + _start_at_once(source, built, parameters, overrides)
     _fill_in(source, nodes, parameters, built)
-    for node in nodes:
-        for cls in graph.settings_classes(node.name):
-            graph.build(cls, parameters[node.path], node.label)
+    _check(nodes, parameters)
     # A bag may give its scenario any name; the results stay in their folder.
     name = '-'.join([re.sub(r'[^\w.-]+', '_', source.name), *detectors])
     return RunPlan(
-        name, nodes, parameters, built, source.notes,
+        name, nodes, parameters, built, notes,
         not _frames(source, parameters) if options.respawn is None else options.respawn)
+
+
+def _check(nodes: Sequence[graph.Node], parameters: Mapping[str, Values]) -> None:
+    """Check the parameters of every node; ValueError names the node."""
+    for node in nodes:
+        for cls in graph.settings_classes(node.name):
+            graph.build(cls, parameters[node.path], node.label)
 
 
 def _build_detectors(
@@ -113,6 +121,33 @@ def _build_detectors(
             built[node.path] = graph.build(cls, parameters[node.path], node.label)
             refuse_late_answers(built[node.path])
     return built
+
+
+def _start_at_once(
+    source: Source, detectors: Mapping[str, Detector], parameters: Mapping[str, Values],
+    overrides: graph.Layer,
+) -> tuple[str, ...]:
+    """
+    Make matched detectors of a camera nominal if they would have to be calibrated first.
+
+    A camera waits for no simulation, unless ``--set`` asks for it.  Return a line for each.
+    """
+    notes = []
+    for path, detector in detectors.items() if source.camera else ():
+        values, node = parameters[path], path.rpartition('/')[2]
+        shape = (values['rows'], values['cols'])
+        if (values.get('operating_point', MATCHED) == MATCHED
+                and 'operating_point' not in overrides.get(node, ())
+                and known_curve(detector, shape) is None):
+            values['operating_point'] = 'nominal'
+            name = node.removesuffix('_detector')
+            notes.append(
+                f'{name} is not calibrated for frames of {shape[1]} x {shape[0]} cells: it starts '
+                'with its nominal threshold, whose false-alarm rate is not known: --detector auto '
+                f'needs no calibration; python scripts/calibrate.py --detector {name} --snr '
+                f'{detector.sensor.snr_db:g} --rows {shape[0]} --cols {shape[1]} makes one for '
+                'later starts')
+    return tuple(notes)
 
 
 def _fill_in(

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import field
+from dataclasses import replace
 import os
 from pathlib import Path
-from typing import Any
 from typing import TYPE_CHECKING
 
 from lowsnr_bringup.plan import graph
 from lowsnr_bringup.plan.graph import Layer
 from lowsnr_bringup.plan.graph import Values
 from lowsnr_bringup.plan.run_options import RunOptions
-from lowsnr_common.settings.declare import declared_settings
+from lowsnr_common.settings.frame_period import at_frame_period
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.text import did_you_mean
 from lowsnr_detect.parts.cell_detector import CellDetector
@@ -28,15 +27,12 @@ if TYPE_CHECKING:
 
 Given = Callable[[str], Values]  # the parameters that the user gives to a node
 Look = Callable[[str], 'RecordedRun']  # what the camera on a topic shows
-# The power of the second in the unit of every setting of motion that has one.
-TIME_POWERS = {
-    'turn_rates_deg_s': -1, 'min_speed_mps': -1, 'max_speed_mps': -1,
-    'acceleration_density': -3, 'mode_sojourn_s': 1, 'lifetime_s': 1, 'max_gap_s': 1}
 _FRAMES = ('/image_raw', '/clock')
 _TRUTH = ('/ground_truth', '/ground_truth/odometry')
 _DETECTABLE = '32FC1'
+_LEAST = 2  # pixels along each side of a frame that is conditioned
 # The operating point whose threshold is simulated: for real frames it is adaptive instead.
-_MATCHED = 'matched'
+MATCHED = 'matched'
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,6 +72,8 @@ def find_source(
     if options.replay is not None:
         from lowsnr_bringup.bags.recorded_run import inspect_bag  # slow to import
         bag = inspect_bag(options.replay, options.frames_topic, options.truth_topic)
+        if options.truth_bag is not None:
+            bag = replace(bag, truth=True)
         recordable = [*_FRAMES, *(_TRUTH if bag.truth else ())]
         return _recorded(bag, options, given, node='player', recordable=recordable)
     sensor = given('sensor')
@@ -117,6 +115,8 @@ def _recorded(
     every: Values = {
         **size, 'truth': found.truth,
         **(found.sensor or {'sensor.frame_period_s': found.period_s})}
+    if found.compressed:
+        every['compressed'] = True
     if found.seed is not None:
         every['seed'] = found.seed
     if conditioned:
@@ -128,10 +128,7 @@ def _recorded(
     if conditioned:
         facts['evaluator'] = _in_pixels(given('evaluator'), settings.binning)
     if options.replay is not None:
-        facts['player'] = {
-            **size, 'bag': str(options.replay.resolve()), 'simulated': found.simulated,
-            'frames_topic': found.frames_topic,
-            'truth_topic': options.truth_topic if found.truth else ''}
+        facts['player'] = _played(options, found) | size
     if not found.simulated:
         facts.setdefault('evaluator', {})['pixels'] = True
         facts.update(_adaptive(options.detectors, given))
@@ -142,6 +139,20 @@ def _recorded(
     return Source(
         name=found.name, node=node, camera=options.camera_topic, frames=found.frames,
         conditioned=conditioned, notes=found.notes, facts=facts)
+
+
+def _played(options: RunOptions, found: RecordedRun) -> Values:
+    """Return what the player publishes."""
+    assert options.replay is not None
+    played: Values = {
+        'bag': str(options.replay.resolve()), 'simulated': found.simulated,
+        'frames_topic': found.frames_topic,
+        'truth_topic': options.truth_topic if found.truth else ''}
+    if options.truth_bag is not None:
+        played |= {'truth_bag': str(options.truth_bag.resolve()), 'truth_topic': _TRUTH[0]}
+    if found.left_out:  # an empty list has no type in a file of parameters
+        played['left_out'] = list(found.left_out)
+    return played
 
 
 def _in_pixels(evaluator: Values, binning: int) -> Values:
@@ -156,7 +167,7 @@ def _adaptive(detectors: Sequence[str], given: Given) -> dict[str, Values]:
     """Return the operating point of detectors that would be matched to simulated frames."""
     matched = [
         name for name in map(graph.node_of, detectors)
-        if given(name).get('operating_point', _MATCHED) == _MATCHED]
+        if given(name).get('operating_point', MATCHED) == MATCHED]
     return {
         name: {'operating_point': 'adaptive'} for name in matched
         if issubclass(graph.settings_classes(name)[-1], CellDetector)}
@@ -168,41 +179,17 @@ def _is_conditioned(found: RecordedRun, options: RunOptions) -> bool:
     if conditioned and options.camera_topic == f'{graph.CONDITIONED}image_raw':
         raise ValueError(
             f'--camera: a run publishes {options.camera} itself, unless with --condition off')
+    name = options.camera_topic or found.name
     if not conditioned and found.encoding != _DETECTABLE:
         raise ValueError(
-            f'{options.replay or options.camera}: its frames are {found.encoding}, and detectors '
-            f'take {_DETECTABLE}: leave out --condition off')
+            f'{name}: its frames are {found.encoding}, and detectors take {_DETECTABLE}: leave '
+            'out --condition off')
+    if not conditioned and found.blank:
+        raise ValueError(
+            f'{name}: {found.blank} has a pixel that is not a finite number up to 1e9, and '
+            'detectors take none: set --condition on')
+    if conditioned and min(found.rows, found.cols) < _LEAST:
+        raise ValueError(
+            f'{name}: its frames have {found.cols} x {found.rows} pixels, and a conditioner takes '
+            f'at least {_LEAST} x {_LEAST}: stack the lines of several frames into one')
     return conditioned
-
-
-def at_frame_period(cls: type, values: Mapping[str, Any], period_s: float) -> Values:
-    """
-    Return the settings of motion for frames of another period.
-
-    The configuration states how objects move for frames one second apart.  Recorded objects
-    move about as much from frame to frame whatever the period is, so that what a setting states
-    for a second is taken for a frame.
-
-    Parameters
-    ----------
-    cls
-        Settings class.
-    values
-        Values by full name for frames one second apart; a missing one has its default.
-    period_s
-        Time from a frame to the next [s].
-
-    Returns
-    -------
-    dict
-        The settings that depend on the period, by full name.
-
-    """
-    scaled: Values = {}
-    for name, item in declared_settings(cls).items():
-        power = TIME_POWERS.get(name.rpartition('.')[2])
-        if power is not None:
-            value, factor = values.get(name, item.default), period_s**power
-            several = isinstance(value, (list, tuple))
-            scaled[name] = tuple(v * factor for v in value) if several else value * factor
-    return scaled

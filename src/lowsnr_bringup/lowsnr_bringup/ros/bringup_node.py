@@ -23,7 +23,8 @@ def bringup_node(rosout: bool = True) -> Iterator[Node]:
         signal_handler_options=SignalHandlerOptions.NO)
     try:
         node = Node(
-            MANAGER, context=context, use_global_arguments=False, enable_rosout=rosout)
+            MANAGER, context=context, use_global_arguments=False, enable_rosout=rosout,
+            start_parameter_services=False)  # it takes messages, and answers no service
         try:
             yield node
         finally:

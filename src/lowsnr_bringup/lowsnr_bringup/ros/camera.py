@@ -8,16 +8,21 @@ import os
 from pathlib import Path
 from tempfile import TemporaryDirectory
 import time
+from typing import Any
 
 from lowsnr_bringup.bags.recorded_run import RecordedRun
 from lowsnr_bringup.ros.bringup_node import bringup_node
 from lowsnr_bringup.run.middleware import middleware_environment
 from lowsnr_common.core.records import Malformed
+from lowsnr_common.core.timeline import in_seconds
+from lowsnr_common.images.image_encodings import is_whole
+from lowsnr_common.images.image_encodings import numbers_of
 from lowsnr_common.ros.connections import input_faults
 from lowsnr_common.ros.connections import name_of
 from lowsnr_common.ros.connections import OTHER_TYPE
 from lowsnr_common.ros.connections import type_name
 from lowsnr_common.ros.images import image_to_array
+from lowsnr_common.ros.images import unpacked
 from lowsnr_common.ros.messages import stamp_key
 from lowsnr_common.ros.qos import any_reliability
 from lowsnr_common.settings.text import printable
@@ -25,6 +30,7 @@ import numpy as np
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import Image
 
 _FRAMES = 5
@@ -70,10 +76,10 @@ def inspect_camera(topic: str, within_s: float = 10.0) -> RecordedRun:
     until = time.monotonic() + within_s
     only_here = os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE') == 'LOCALHOST'
     with _node() as node:
-        _wait_for_publisher(node, topic, until, only_here)
-        images: list[Image] = []
+        kind = _wait_for_publisher(node, topic, until, only_here)
+        images: list[Any] = []
         subscription = node.create_subscription(
-            Image, topic, images.append, any_reliability(_FRAMES))
+            kind, topic, images.append, any_reliability(_FRAMES))
         executor = SingleThreadedExecutor(context=node.context)
         executor.add_node(node)
         while len(images) < _FRAMES and time.monotonic() < until:
@@ -109,18 +115,21 @@ def _node() -> Iterator[Node]:
                     os.environ[name] = value
 
 
-def _wait_for_publisher(node: Node, topic: str, until: float, only_here: bool) -> None:
-    """Wait until a node publishes images on a topic; CameraError names topics that have some."""
+def _wait_for_publisher(node: Node, topic: str, until: float, only_here: bool) -> type:
+    """Wait for images on a topic, return their type; CameraError names topics that have some."""
     while not (found := node.get_publishers_info_by_topic(topic)):
         if time.monotonic() > until:
             raise CameraError(
                 'nobody publishes', f'{topic}: nobody publishes it{_elsewhere(node, only_here)}')
         time.sleep(0.02)
     kinds = sorted({item.topic_type for item in found})
-    if _IMAGE not in kinds:
-        raise CameraError(
-            OTHER_TYPE, f'{topic}: has the type {", ".join(kinds)}, not {_IMAGE}'
-            f'{_elsewhere(node, only_here)}')
+    kind: type
+    for kind in (Image, CompressedImage):
+        if type_name(kind) in kinds:
+            return kind
+    raise CameraError(
+        OTHER_TYPE, f'{topic}: has the type {", ".join(kinds)}, not {_IMAGE}'
+        f'{_elsewhere(node, only_here)}')
 
 
 def _elsewhere(node: Node, only_here: bool) -> str:
@@ -136,9 +145,11 @@ def _elsewhere(node: Node, only_here: bool) -> str:
             * only_here)
 
 
-def _described(topic: str, images: list[Image]) -> RecordedRun:
+def _described(topic: str, images: list[Any]) -> RecordedRun:
     """Return what frames have in common; CameraError if detectors cannot use them."""
+    compressed = isinstance(images[0], CompressedImage)
     try:
+        images = [unpacked(image) if compressed else image for image in images]
         shapes = {image_to_array(image).shape for image in images}
     except Malformed as error:
         raise CameraError(error.reason, f'{topic}: {error}') from None
@@ -151,9 +162,11 @@ def _described(topic: str, images: list[Image]) -> RecordedRun:
     if period_s <= 0.0:
         raise CameraError(
             'constant stamps', f'{topic}: the stamps of its frames do not grow '
-            f'({", ".join(f"{stamp / 1e9:.14g}" for stamp in stamps_ns)} s): set up the camera '
+            f'({", ".join(in_seconds(stamp) for stamp in stamps_ns)} s): set up the camera '
             'to stamp each frame')
     rows, cols = shapes.pop()
+    blank = any(not is_whole(numbers_of(image)) for image in images)
     return RecordedRun(
         name=topic.strip('/'), frames=0, rows=rows, cols=cols, period_s=period_s, truth=False,
-        raw=True, encoding=images[-1].encoding)
+        raw=True, encoding=images[-1].encoding, compressed=compressed,
+        blank='one of its first frames' * blank)

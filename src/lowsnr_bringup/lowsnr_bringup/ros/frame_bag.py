@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import array
 from collections.abc import Mapping
 from collections.abc import Sequence
 from pathlib import Path
-import sys
 from types import TracebackType
 from typing import Any
 
@@ -16,15 +14,14 @@ from lowsnr_bringup.bags.writer import BagWriter
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.core.records import Truth
 from lowsnr_common.ros import messages
+from lowsnr_common.ros.images import array_to_image
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
 FRAME_ID = 'sensor'
-_INTEGER_ENCODINGS = {'uint8': 'mono8', 'uint16': 'mono16'}
 
 
 class FrameBag:
@@ -85,17 +82,20 @@ class FrameBag:
             If the frame is of another type.
 
         """
-        header = Header(frame_id=FRAME_ID, stamp=Time(
-            sec=stamp_ns // 1_000_000_000, nanosec=stamp_ns % 1_000_000_000))
+        header = _header(stamp_ns)
         self._write('/clock', Clock(clock=header.stamp), stamp_ns)
         if truth is not None:
-            objects = [Estimate(item.state, np.zeros((4, 4)), 1.0, item.id) for item in truth]
-            for item in objects:
-                odometry = messages.estimate_to_odometry(item, header)
-                self._write('/ground_truth/odometry', odometry, stamp_ns)
-            self._write(
-                '/ground_truth', messages.estimates_to_array(objects, header, 1.0), stamp_ns)
-        self._write(self._frames_topic, _image(frame, header), stamp_ns)
+            self.add_truth(stamp_ns, truth)
+        self._write(self._frames_topic, array_to_image(frame, header), stamp_ns)
+
+    def add_truth(self, stamp_ns: int, truth: Sequence[Truth]) -> None:
+        """Add the objects that are present at a time [ns]."""
+        header = _header(stamp_ns)
+        objects = [Estimate(item.state, np.zeros((4, 4)), 1.0, item.id) for item in truth]
+        for item in objects:
+            odometry = messages.estimate_to_odometry(item, header)
+            self._write('/ground_truth/odometry', odometry, stamp_ns)
+        self._write('/ground_truth', messages.estimates_to_array(objects, header, 1.0), stamp_ns)
 
     def sync(self) -> None:
         """Make the bag readable up to here, even if the process is killed."""
@@ -109,16 +109,6 @@ class FrameBag:
         self._bag.write(self._topics[name], serialize_message(message), stamp_ns, stamp_ns)
 
 
-def _image(frame: NDArray[np.number], header: Header) -> Image:
-    """Return a frame as an image of its own depth."""
-    if np.issubdtype(frame.dtype, np.floating):
-        return messages.frame_to_image(frame, header)
-    encoding = _INTEGER_ENCODINGS.get(frame.dtype.name)
-    if encoding is None:
-        raise ValueError(f'frames of {frame.dtype.name} cannot be stored; use uint8, uint16 '
-                         'or floating-point numbers')
-    data = array.array('B')
-    data.frombytes(np.ascontiguousarray(frame).tobytes())
-    return Image(
-        header=header, height=frame.shape[0], width=frame.shape[1], encoding=encoding,
-        is_bigendian=int(sys.byteorder == 'big'), step=frame.itemsize * frame.shape[1], data=data)
+def _header(stamp_ns: int) -> Header:
+    return Header(frame_id=FRAME_ID, stamp=Time(
+        sec=stamp_ns // 1_000_000_000, nanosec=stamp_ns % 1_000_000_000))

@@ -23,6 +23,7 @@ from lowsnr_bringup.run.frame_ledger import FrameLedger
 from lowsnr_bringup.run.processes import notify
 from lowsnr_bringup.run.processes import ProcessGroup
 from lowsnr_common.core.line import Line
+from lowsnr_common.core.records import AlarmRate
 from lowsnr_common.core.records import Malformed
 from lowsnr_common.core.timeline import StampOrder
 from lowsnr_common.core.timeline import Timeline
@@ -32,8 +33,10 @@ from lowsnr_common.ros.bringup_line import PARAMETERS
 from lowsnr_common.ros.bringup_line import STATUS
 from lowsnr_common.ros.messages import stamp_key
 from lowsnr_common.ros.qos import reliable
+from lowsnr_common.ros.run_records import ALARM_RATE
 from lowsnr_common.ros.run_records import FrameScored
 from lowsnr_common.ros.run_records import NodeRestarted
+from lowsnr_common.ros.run_records import rate_from_message
 from lowsnr_common.ros.run_records import RESTARTS
 from lowsnr_common.ros.run_records import SCORED
 from rcl_interfaces.msg import ParameterEvent
@@ -81,7 +84,8 @@ class Manager:
         self._handlers: dict[str, tuple[type, Callable[[Any], None]]] = {
             SCORED: (DiagnosticArray, self._count), DATA_TIME: (Clock, self._on_clock),
             STATUS: (DiagnosticArray, self._on_diagnostics),
-            PARAMETERS: (ParameterEvent, self._on_parameters)}
+            PARAMETERS: (ParameterEvent, self._on_parameters),
+            ALARM_RATE: (DiagnosticArray, self._on_alarm_rate)}
         self._pending: dict[Line, PendingTransition] = {}
         self._within = ExitStack()
         self._node = self._within.enter_context(bringup_node())
@@ -89,7 +93,8 @@ class Manager:
         self._restarts = self._node.create_publisher(DiagnosticArray, RESTARTS, reliable(100))
         self.ledger, self.newest_ns, self._timeline = FrameLedger(), -1, Timeline()
         self.restarted: Counter[str] = Counter()
-        self.rejected: Counter[str] = Counter()  # unsound records of scored frames, by reason
+        self.alarm_rates: dict[str, AlarmRate] = {}  # the newest, by the name of the node
+        self.rejected: Counter[str] = Counter()  # unsound records, by reason
         self._has_source = any(node.source for node in nodes)
         self._labels = {node.path: node.label for node in nodes}
         self.heard: dict[str, tuple[str, float]] = {}  # process and time of the last sign
@@ -180,26 +185,36 @@ class Manager:
         try:
             scored = FrameScored.from_message(message)
         except Malformed as error:
-            self._reject(error)
+            self._reject(error, 'the evaluator reported a frame')
             return
         if not self._has_source:  # of a camera only what the evaluator sees is known
             self.ledger.publish(scored.stamp_ns)
         self.ledger.score(scored.stamp_ns, scored.frame)
+        # A source that died after it had published a frame, without telling, does not repeat it.
+        self.newest_ns = max(self.newest_ns, scored.stamp_ns)
         self.scored = max(self.scored, scored.frame)
         self._detections += sum(chain.detections for chain in scored.chains)
         self._tracks += sum(chain.tracks for chain in scored.chains)
         self._on_scored(self.scored, self._detections, self._tracks)
 
-    def _reject(self, error: Malformed) -> None:
-        """Count an unsound record of a scored frame, and name the first of each reason."""
+    def _reject(self, error: Malformed, what: str) -> None:
+        """Count an unsound record, and name the first of each reason."""
         self.rejected[error.reason] += 1
         if self.rejected[error.reason] == 1:
-            notify(f'the evaluator reported a frame in a record that is rejected: {error}')
+            notify(f'{what} in a record that is rejected: {error}')
+
+    def _on_alarm_rate(self, message: DiagnosticArray) -> None:
+        try:
+            path, rate = rate_from_message(message)
+        except Malformed as error:
+            self._reject(error, 'a detector reported its false-alarm rate')
+            return
+        self.alarm_rates[path.rpartition('/')[2]] = rate
 
     def _on_clock(self, message: Clock) -> None:
         stamp = stamp_key(message.clock)
         self.ledger.publish(stamp)
-        if self._timeline.classify(stamp) is not StampOrder.LATE:
+        if self._timeline.classify(stamp, time.monotonic()) is not StampOrder.LATE:
             self.newest_ns = stamp
 
     def _on_parameters(self, event: ParameterEvent) -> None:

@@ -14,6 +14,8 @@ from lowsnr_common.ros.connections import OTHER_TYPE
 from lowsnr_common.ros.connections import SEVERAL_PUBLISHERS
 from lowsnr_common.ros.connections import UNKNOWN_NAME
 from lowsnr_common.ros.diagnostics import faults_of
+from lowsnr_common.ros.inputs import NO_PUBLISHER
+from lowsnr_common.ros.inputs import SILENT
 from lowsnr_common.ros.managed_node import BROKEN
 
 # A fault that has not been reported for this long counts as a new one.
@@ -21,6 +23,7 @@ _NEW_AFTER_S = 60.0
 # Ends of the keys of faults that are due to other programs on the domain.
 _OF_STRANGERS = tuple(f' {each}' for each in (SEVERAL_PUBLISHERS, OTHER_TYPE, OTHER_QOS))
 _ACTIVE = 'active'
+_OF_PUBLISHERS = (*_OF_STRANGERS, f' {NO_PUBLISHER}', f' {SILENT}')
 # How long the name of a node may come after its endpoints [s]; one that hides it has none.
 _NAMED_WITHIN_S = 10.0
 # States that last; a node is in the others for the time of a transition.
@@ -46,25 +49,27 @@ class _FaultPrinter:
         self._seen_s.clear()
 
 
-class CameraWatch:
+class FrameWatch:
     """
-    Prints each fault of the node that receives the camera's frames once, and when frames return.
+    Prints each fault of the node that takes raw frames once, and when a camera's frames return.
 
-    A fault is the same while its subject and reason are.
+    A fault is the same while its subject and reason are.  Those of the publisher are printed if
+    it is a camera: a player ends, and :class:`StrangerWatch` prints its rivals.
     """
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        self._printer, self._failing = _FaultPrinter(clock), False
+    def __init__(self, clock: Callable[[], float] = time.monotonic, live: bool = True) -> None:
+        self._printer, self._live, self._failing = _FaultPrinter(clock), live, False
 
     def update(self, status: DiagnosticStatus) -> None:
         """Take the node's newest status."""
-        failing = status.level == DiagnosticStatus.ERROR
+        failing = self._live and status.level == DiagnosticStatus.ERROR
         if self._failing and not failing:
             notify('frames come again')
             self._printer.clear()
         self._failing = failing
         for key, sentence in faults_of(status).items():
-            self._printer.update(key, sentence)
+            if self._live or not key.endswith(_OF_PUBLISHERS):
+                self._printer.update(key, sentence)
 
 
 class StrangerWatch:

@@ -16,7 +16,7 @@ from lowsnr_bringup.ros.graph_start import GraphStart
 from lowsnr_bringup.ros.manager import DEACTIVATE
 from lowsnr_bringup.ros.manager import GraphFailure
 from lowsnr_bringup.ros.manager import Manager
-from lowsnr_bringup.ros.node_watch import CameraWatch
+from lowsnr_bringup.ros.node_watch import FrameWatch
 from lowsnr_bringup.ros.node_watch import ResultsWatch
 from lowsnr_bringup.ros.respawner import Respawner
 from lowsnr_bringup.run.forked_nodes import NodeServer
@@ -85,7 +85,8 @@ class Supervisor:
         self._stops_faster: int | None = None  # once the run ends: signals that end it faster
         self._respawn = respawn
         self.account = Account()
-        self._watch, self.results = CameraWatch(), ResultsWatch()
+        self._watch = FrameWatch(live=any(node.live for node in nodes))
+        self.results = ResultsWatch()
         self._missed: dict[Node, str] = {}  # nodes that stay dead, and how they died
 
     def run(self) -> tuple[int, str]:
@@ -131,7 +132,8 @@ class Supervisor:
             finally:
                 self._manager.catch_up()
                 self._watch_nodes()
-                self.account = Account(self._manager.ledger, self._manager.restarted)
+                self.account = Account(
+                    self._manager.ledger, self._manager.restarted, self._manager.alarm_rates)
 
     def _follow(self) -> None:
         """Start the graph, and wait until the source is done and its frames are scored."""
@@ -209,9 +211,9 @@ class Supervisor:
                     member, how, '; only with --respawn does bring-up start it again')
 
     def _watch_nodes(self) -> None:
-        """Print the faults of the node nearest to the camera, and of the evaluator's results."""
-        camera = next((node.path for node in reversed(self._nodes) if node.live), '')
-        for path, watch in ((camera, self._watch), ('/evaluator', self.results)):
+        """Print the faults of the node that takes raw frames, and of the evaluator's results."""
+        taker = next((node.path for node in reversed(self._nodes) if node.takes_raw), '')
+        for path, watch in ((taker, self._watch), ('/evaluator', self.results)):
             if path in self._manager.statuses:
                 watch.update(self._manager.statuses.pop(path))
 

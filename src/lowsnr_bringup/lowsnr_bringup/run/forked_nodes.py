@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 import ctypes
 import json
@@ -61,11 +62,12 @@ class NodeServer:
     """
     The server as bring-up sees it; use it as a context manager.
 
-    It starts to import at once, while bring-up plans the run.  ``process`` is None where there
-    is no server.
+    It starts to import at once, while bring-up plans the run: what every run needs, and further
+    ``modules`` of nodes.  ``process`` is None where there is no server.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, modules: Sequence[str] = ()) -> None:
+        self._modules = modules
         self._channel: socket.socket | None = None
         self._ready = False
         self.process: subprocess.Popen[bytes] | None = None
@@ -83,7 +85,7 @@ class NodeServer:
         self._channel.settimeout(_ANSWERS_WITHIN_S)
         with theirs:
             self.process = subprocess.Popen(
-                [sys.executable, '-m', _SERVER, str(theirs.fileno())],
+                [sys.executable, '-m', _SERVER, str(theirs.fileno()), *self._modules],
                 # A thread of OpenBLAS would not survive the fork.
                 env={**os.environ, 'OPENBLAS_NUM_THREADS': '1'}, pass_fds=(theirs.fileno(),),
                 stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,

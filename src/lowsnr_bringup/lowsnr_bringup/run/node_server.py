@@ -1,7 +1,8 @@
 """
 A process that imports what nodes need, once, and forks each node of a run from itself.
 
-A forked node starts without the second that Python takes to import rclpy, NumPy and Numba.  It
+A forked node starts without the second that Python takes to import rclpy, NumPy and Numba, and
+without the time that a module with a function ``preload`` takes to load compiled loops.  It
 is otherwise the process that ``python -m MODULE`` would be: it has a session, a process id, an
 environment and a log file of its own, it is a child of bring-up, and its title is that command.
 
@@ -130,11 +131,13 @@ def _run(module: str) -> NoReturn:
 
 
 def main() -> None:
-    """Import, then fork nodes as bring-up asks for them."""
+    """Import, then fork nodes as bring-up asks for them; arguments: channel, further modules."""
     getproctitle()  # only while the environment is that of the start can it find its title
     channel = socket.socket(fileno=int(sys.argv[1]))
-    for name in _PRELOADED:
-        importlib.import_module(name)
+    for name in (*_PRELOADED, *sys.argv[2:]):
+        module_of_node = importlib.import_module(name)
+        if hasattr(module_of_node, 'preload'):
+            module_of_node.preload()
     gc.freeze()  # so that the memory of what was imported stays shared
     # The tracing library that rclpy links has two threads, which a forked node does without.
     warnings.filterwarnings('ignore', r'This process .* is multi-threaded', DeprecationWarning)

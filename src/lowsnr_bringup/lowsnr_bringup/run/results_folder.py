@@ -9,9 +9,12 @@ import os
 from pathlib import Path
 
 from lowsnr_bringup.run.frame_ledger import FrameLedger
+from lowsnr_common.core.records import AlarmRate
 
 FRAMES_FILE = 'frames.csv'
 LATENCY_FILE = 'latency.csv'
+DETECTIONS_FILE = 'detections.csv'
+TRACKS_FILE = 'tracks.csv'
 SUMMARY_FILE = 'summary.json'
 PARAMETERS_FILE = 'parameters.yaml'
 RESTARTS_FILE = 'restarts.csv'
@@ -23,11 +26,13 @@ class Account:
     What only the process that starts the nodes knows of a run.
 
     ``ledger`` counts the frames that the source published and where they went; None where only
-    the tables are known.  ``restarts`` is how often each node was started again, by its label.
+    the tables are known.  ``restarts`` is how often each node was started again, by its label,
+    ``alarm_rates`` the false-alarm rate of each detector at the end, by the name of its node.
     """
 
     ledger: FrameLedger | None = None
     restarts: Mapping[str, int] = field(default_factory=dict)
+    alarm_rates: Mapping[str, AlarmRate] = field(default_factory=dict)
 
 
 def fresh_folder(wanted: Path) -> Path:

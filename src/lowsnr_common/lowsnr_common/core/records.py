@@ -38,6 +38,20 @@ class Estimate:
     id: str = ''  # noqa: A003
 
 
+@dataclass(frozen=True)
+class AlarmRate:
+    """
+    The share of frames with a false alarm of a detector; None where there is no such figure.
+
+    ``asked`` is the share that its threshold is for.  ``measured`` is what an adaptive detector
+    measures while it runs: the share of its recent frames with a declaration that is near none
+    of the frame before, so that the later declarations of an object do not count.
+    """
+
+    asked: float | None = None
+    measured: float | None = None
+
+
 class Malformed(ValueError):
     """
     A message that cannot be used.

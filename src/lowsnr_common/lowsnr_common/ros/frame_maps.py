@@ -15,6 +15,7 @@ from typing import Any
 from geometry_msgs.msg import TransformStamped
 from lowsnr_common.core.frame_map import FrameMap
 from lowsnr_common.core.records import Malformed
+from lowsnr_common.core.timeline import in_seconds
 from lowsnr_common.ros.inputs import Input
 from lowsnr_common.ros.messages import stamp_key
 from lowsnr_common.ros.qos import reliable
@@ -135,4 +136,4 @@ class FrameMaps:
     def _drop(self) -> None:
         stamp = stamp_key(self._waiting.popleft().header.stamp)
         self._node.reject(
-            'camera_info', NO_MAP, f'no map of the frame of {stamp / 1e9:.9g} s; frame dropped')
+            'camera_info', NO_MAP, f'no map of the frame of {in_seconds(stamp)} s; frame dropped')

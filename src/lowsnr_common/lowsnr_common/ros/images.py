@@ -1,24 +1,45 @@
-"""Images of any camera to arrays: one channel, whatever its depth, byte order and step."""
+"""Images of any camera to arrays and back: one channel, whatever encoding, byte order and step."""
 
 from __future__ import annotations
 
-from lowsnr_common.core.records import Malformed
-import numpy as np
-from sensor_msgs.msg import Image
+import array
+import sys
 
-# Numbers beyond it are no intensities; squared and summed up they still are finite.
-LARGEST = 1e9
-_KINDS = {'mono8': 'u1', '8UC1': 'u1', 'mono16': 'u2', '16UC1': 'u2', '32FC1': 'f4'}
+from lowsnr_common.core.records import Malformed
+from lowsnr_common.images.compressed import decode_compressed
+from lowsnr_common.images.image_encodings import is_whole
+from lowsnr_common.images.image_encodings import LARGEST
+from lowsnr_common.images.image_encodings import pixels_of
+import numpy as np
+from sensor_msgs.msg import CompressedImage
+from sensor_msgs.msg import Image
+from std_msgs.msg import Header
+
+_ENCODINGS = {'uint8': 'mono8', 'uint16': 'mono16', 'float32': '32FC1'}
 
 
 def image_to_array(image: Image) -> np.ndarray:
     """
-    Return an image as it is.
+    Return an image as it is, NaN where a value is not finite or beyond 1e9.
 
     Returns
     -------
     (rows, cols) ndarray of uint8, uint16 or float32
-        Pixels; a view of the message's data.
+        Pixels, the luminance of colours; a view of the message's data where that is possible.
+
+    Raises
+    ------
+    Malformed
+        If encoding, step or size do not fit; says which.
+
+    """
+    frame = pixels_of(image)
+    return frame if is_whole(frame) else np.where(abs(frame) <= LARGEST, frame, np.float32('nan'))
+
+
+def image_to_whole_array(image: Image) -> np.ndarray:
+    """
+    Return what :func:`image_to_array` does of an image in which every pixel has a value.
 
     Raises
     ------
@@ -26,23 +47,37 @@ def image_to_array(image: Image) -> np.ndarray:
         If encoding, step or size do not fit, or a value is not finite or beyond 1e9; says which.
 
     """
-    if image.encoding not in _KINDS:
-        raise Malformed('wrong encoding', f'encoding is {image.encoding[:40]!r}, must be one of '
-                        + ', '.join(_KINDS))
-    rows, cols, step = image.height, image.width, image.step
-    kind = np.dtype(_KINDS[image.encoding]).newbyteorder('>' if image.is_bigendian else '<')
-    if rows == 0 or cols == 0:
-        raise Malformed('empty frame', f'frame of {cols} x {rows} cells is empty')
-    if step < kind.itemsize * cols:
-        raise Malformed(
-            'wrong step', f'step is {step} bytes, must be at least {kind.itemsize * cols}')
-    if len(image.data) != rows * step:
-        raise Malformed(
-            'wrong size', f'data holds {len(image.data)} bytes, must be {rows * step}')
-    frame = np.ndarray((rows, cols), kind, image.data, strides=(step, kind.itemsize))
-    # Of a frame with NaN both are NaN, and compare as false.
-    if kind.kind == 'f' and not (frame.min() >= -LARGEST and frame.max() <= LARGEST):
+    frame = pixels_of(image)
+    if not is_whole(frame):
         row, col = np.argwhere(~(np.abs(frame) <= LARGEST))[0]
         said = 'beyond 1e9' if np.isfinite(frame[row, col]) else 'not a finite number'
         raise Malformed(f'cell {said}', f'cell at row {row}, column {col} is {said}')
     return frame
+
+
+def array_to_image(frame: np.ndarray, header: Header) -> Image:
+    """
+    Return a frame (rows, cols) as an image of its own depth; any floating point as 32 bits.
+
+    Raises
+    ------
+    ValueError
+        If it is of another type than uint8, uint16 or floating point.
+
+    """
+    stored = frame.astype(np.float32) if frame.dtype.kind == 'f' else frame
+    encoding = _ENCODINGS.get(stored.dtype.name)
+    if encoding is None:
+        raise ValueError(f'frames of {frame.dtype.name} cannot be stored; use uint8, uint16 '
+                         'or floating-point numbers')
+    data = array.array('B')
+    data.frombytes(np.ascontiguousarray(stored).tobytes())
+    return Image(
+        header=header, height=stored.shape[0], width=stored.shape[1], encoding=encoding,
+        is_bigendian=int(sys.byteorder == 'big'), step=stored.itemsize * stored.shape[1],
+        data=data)
+
+
+def unpacked(image: CompressedImage) -> Image:
+    """Return a compressed image as one that nodes take; Malformed if it cannot be decoded."""
+    return array_to_image(decode_compressed(image), image.header)

@@ -11,10 +11,12 @@ from lowsnr_common.core.records import Malformed
 from lowsnr_common.ros.connections import input_faults
 from lowsnr_common.ros.connections import OTHER_QOS
 from lowsnr_common.ros.diagnostics import Fault
+from lowsnr_common.ros.images import unpacked
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import qos_policy_name_from_kind
 from rclpy.qos import QoSProfile
 from rclpy.qos import ReliabilityPolicy
+from sensor_msgs.msg import CompressedImage
 
 CAMERA_TOPIC = 'image_raw'
 # Reasons of faults.
@@ -59,9 +61,12 @@ class Input:
         self._callback, self._first = callback, first
         self.needed, self._steady = needed, needed and steady
         self._of_camera = node.settings.live and topic == CAMERA_TOPIC
+        self._compressed = self._of_camera and node.settings.compressed
         self.awaited = needed and not self._of_camera
         self._received_s = 0.0
         self._incompatible = ''
+        self._follows = qos.reliability is ReliabilityPolicy.BEST_AVAILABLE
+        self._reliability = qos.reliability
         self.subscription = self._subscribe()
 
     def begin(self) -> None:
@@ -88,22 +93,50 @@ class Input:
 
     def faults(self) -> list[Fault]:
         """Return which publishers do not fit and why, and whether there are several."""
+        if self._follows:
+            self._follow()
         found = input_faults(self._node, self.subscription)
         if self._incompatible and not found:
             found = [Fault(
                 self.subscription.topic_name, OTHER_QOS,
                 f'a publisher with incompatible {self._incompatible} came and went')]
         self._incompatible = ''
-        # The middleware chose the reliability when the subscription was made: choose again.
-        if found and self._qos.reliability is ReliabilityPolicy.BEST_AVAILABLE and (
-                not self.subscription.get_publisher_count()):
-            self._node.destroy_subscription(self.subscription)
-            self.subscription = self._subscribe()
         return found
 
+    def _follow(self) -> None:
+        """
+        Subscribe again if the publishers offer another reliability.
+
+        A subscription that receives is left as it is while the node works: a change costs frames.
+        """
+        receives = bool(self.subscription.get_publisher_count())
+        if (self._wanted() is self._reliability or (receives and self._node.active)
+                or (receives and not self._of_camera)):
+            return
+        self._node.destroy_subscription(self.subscription)
+        self.subscription = self._subscribe()
+        self._incompatible = ''
+
+    def _wanted(self) -> ReliabilityPolicy:
+        """Return the reliability of the publishers, as far as they are known."""
+        topic = self._node.resolve_topic_name(self._topic)
+        offered = {
+            each.qos_profile.reliability
+            for each in self._node.get_publishers_info_by_topic(topic)}
+        if offered:
+            return (ReliabilityPolicy.RELIABLE if offered == {ReliabilityPolicy.RELIABLE}
+                    else ReliabilityPolicy.BEST_EFFORT)
+        # A camera that comes later is heard whatever it offers; others are nodes of the run.
+        return ReliabilityPolicy.BEST_EFFORT if self._of_camera else ReliabilityPolicy.RELIABLE
+
     def _subscribe(self) -> Any:
+        """Subscribe; where any reliability will do, with that of the publisher."""
+        if self._follows:
+            self._reliability = self._wanted()
+            self._qos.reliability = self._reliability
         return self._node.create_subscription(
-            self._kind, self._topic, self._take, self._qos,
+            CompressedImage if self._compressed else self._kind, self._topic, self._take,
+            self._qos,
             event_callbacks=SubscriptionEventCallbacks(
                 message_lost=self._on_lost, incompatible_qos=self._on_incompatible,
                 use_default_callbacks=False))
@@ -113,7 +146,7 @@ class Input:
             drain(self._first.subscription)
         self._received_s = time.perf_counter()
         try:
-            self._callback(message)
+            self._callback(unpacked(message) if self._compressed else message)
         except ValueError as error:
             reason = error.reason if isinstance(error, Malformed) else UNUSABLE
             self._node.reject(self._topic, reason, str(error))

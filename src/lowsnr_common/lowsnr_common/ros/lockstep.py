@@ -6,6 +6,7 @@ from collections.abc import Callable
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
+from lowsnr_common.core.timeline import in_seconds
 from lowsnr_common.ros.managed_node import ManagedNode
 from lowsnr_common.ros.qos import reliable
 from lowsnr_common.ros.run_records import FrameScored
@@ -17,6 +18,8 @@ from lowsnr_common.ros.run_records import SCORED
 # them is lost when it dies.
 _ON_THE_WAY = ('/evaluator', '/conditioner')
 _CHECK_EVERY_S = 0.5
+# A frame is lost where the source sends it before it has discovered the node that was restarted.
+_AFTER_RESTART_S = 2.0
 
 
 class Lockstep:
@@ -24,7 +27,7 @@ class Lockstep:
     Calls ``go_on`` when the frame that was sent last has been scored.
 
     It gives up a frame when the evaluator or the conditioner was started again in the meantime,
-    and when ``patience_s`` has passed.
+    and when ``patience_s`` has passed, or two seconds where no frame was scored since a restart.
 
     Parameters
     ----------
@@ -40,7 +43,8 @@ class Lockstep:
     def __init__(
         self, node: ManagedNode, go_on: Callable[[], None], patience_s: float,
     ) -> None:
-        self._node, self._go_on, self._patience_s = node, go_on, patience_s
+        self._node, self._go_on = node, go_on
+        self._usual_s = self._patience_s = patience_s
         self._awaited: int | None = None
         self._since_s = 0.0
         depth = reliable(node.settings.queue_depth)
@@ -54,17 +58,19 @@ class Lockstep:
 
     def _on_scored(self, message: DiagnosticArray) -> None:
         if FrameScored.from_message(message).stamp_ns == self._awaited:
+            self._patience_s = self._usual_s
             self._next()
 
     def _on_restart(self, message: DiagnosticArray) -> None:
         if NodeRestarted.from_message(message).node in _ON_THE_WAY:
+            self._patience_s = min(self._usual_s, _AFTER_RESTART_S)
             self._next()
 
     def _give_up_late(self) -> None:
         waited_s = time.monotonic() - self._since_s
         if self._awaited is not None and waited_s > self._patience_s:
             self._node.get_logger().warning(
-                f'the frame of {self._awaited / 1e9:.9g} s was not scored within '
+                f'the frame of {in_seconds(self._awaited)} s was not scored within '
                 f'{self._patience_s:g} s; going on without it')
             self._next()
 

@@ -13,6 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import State
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.msg import TransitionEvent
+from lowsnr_common.core.timeline import in_seconds
 from lowsnr_common.core.timeline import StampOrder
 from lowsnr_common.core.timeline import Timeline
 from lowsnr_common.ros.bringup_line import CHANGE_STATE
@@ -168,16 +169,16 @@ class ManagedNode(SettingsNode):
     def is_new(self, source: str, stamp: Time) -> bool:
         """Return whether a message may be used by its stamp, see Timeline; reject it otherwise."""
         timeline, key = self._timelines[source], stamp_key(stamp)
-        newest, order = timeline.newest, timeline.classify(key)
+        newest, order = timeline.newest, timeline.classify(key, time.monotonic())
         if order is StampOrder.LATE:
             self.counts.update(('late', 'refused'))
             self.warn(Fault(
-                source, LATE, f'stamp {key / 1e9:.14g} s is not after {newest / 1e9:.14g} s'))
+                source, LATE, f'stamp {in_seconds(key)} s is not after {in_seconds(newest)} s'))
         elif order is StampOrder.SET_BACK:
             self.counts['set back'] += 1
             self.health.fault = Fault(
                 source, SET_BACK, f'the clock of its stamps was set back from '
-                f'{newest / 1e9:.14g} s to {key / 1e9:.14g} s; the node continues from there')
+                f'{in_seconds(newest)} s to {in_seconds(key)} s; the node continues from there')
             self.get_logger().warning(str(self.health.fault))
         return order is not StampOrder.LATE
 

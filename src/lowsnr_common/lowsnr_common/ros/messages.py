@@ -12,7 +12,7 @@ from lowsnr_common.core.motion import POS
 from lowsnr_common.core.motion import VEL
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.core.records import Malformed
-from lowsnr_common.ros.images import image_to_array
+from lowsnr_common.ros.images import image_to_whole_array
 from nav_msgs.msg import Odometry
 import numpy as np
 from sensor_msgs.msg import Image
@@ -70,7 +70,7 @@ def image_to_frame(image: Image) -> np.ndarray:
     if image.encoding != ENCODING:
         raise Malformed(
             'wrong encoding', f'encoding is {image.encoding[:40]!r}, must be {ENCODING!r}')
-    return image_to_array(image).astype(float)
+    return image_to_whole_array(image).astype(float)
 
 
 def estimates_to_array(

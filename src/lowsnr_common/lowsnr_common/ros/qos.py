@@ -19,5 +19,5 @@ def frame_depth(depth: int, rows: int, cols: int) -> int:
 
 
 def any_reliability(depth: int) -> QoSProfile:
-    """Return the QoS of a frame reader: takes a reliable or a best-effort camera."""
+    """Return the QoS of a frame reader, which has the reliability of the publisher."""
     return QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_AVAILABLE)

@@ -1,28 +1,32 @@
 """
-The bookkeeping of a run as typed records: what ``scored`` and ``restarts`` carry, and back.
+The bookkeeping of a run as typed records, and back: frames scored, restarts, false-alarm rates.
 
-Both topics are ``diagnostic_msgs/DiagnosticArray``, whose values are text that anybody may
-publish.  This is the one module that writes and reads that text.
+The topics ``scored`` and ``restarts`` are ``diagnostic_msgs/DiagnosticArray``, whose values are
+text that anybody may publish.  This is the one module that writes and reads that text.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import asdict
 from dataclasses import dataclass
 import re
 
 from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.msg import KeyValue
+from lowsnr_common.core.records import AlarmRate
 from lowsnr_common.core.records import Malformed
 from lowsnr_common.ros.messages import stamp_key
 
 SCORED, RESTARTS = 'scored', 'restarts'
+ALARM_RATE = 'alarm_rate'  # only over the line to bring-up
 _MOST_CHAINS, _LONGEST_NAME = 1000, 255
 _LONGEST_START_S = 3600.0
 _NANO = 1_000_000_000
 # Fifteen digits are exact as a float and more than any run counts to.
 _COUNT, _SECONDS = re.compile('[0-9]{1,15}'), re.compile(r'[0-9]{1,7}(\.[0-9]{1,9})?')
+_SHARE = re.compile(r'[01](\.[0-9]{1,9})?')
 
 
 @dataclass(frozen=True)
@@ -126,6 +130,34 @@ class NodeRestarted:
             raise Malformed('not a time', f'started_s_ago = {text[:40]!r}, must be 0 to '
                             f'{_LONGEST_START_S:g} s')
         return cls(name, status.message, float(text))
+
+
+def rate_to_message(node: str, rate: AlarmRate) -> DiagnosticArray:
+    """Return the false-alarm rate of a detector, by the full name of its node, as a message."""
+    shares = {key: '' if share is None else f'{share:.9f}' for key, share in asdict(rate).items()}
+    return DiagnosticArray(status=[DiagnosticStatus(name=node, values=_pairs(**shares))])
+
+
+def rate_from_message(message: DiagnosticArray) -> tuple[str, AlarmRate]:
+    """
+    Return the full name of a node, and the false-alarm rate of its detector.
+
+    Raises
+    ------
+    Malformed
+        If the message does not describe exactly one node, the keys are others, or a value is
+        neither empty nor a share.
+
+    """
+    if len(message.status) != 1:
+        raise Malformed('number of nodes', f'{len(message.status)} nodes, must be 1')
+    status, = message.status
+    texts = _values(status, ('asked', 'measured'))
+    for key, text in texts.items():
+        if text and not (_SHARE.fullmatch(text) and float(text) <= 1.0):
+            raise Malformed('not a share', f'{key} = {text[:40]!r} is not from 0 to 1')
+    return _name(status), AlarmRate(
+        **{key: float(text) if text else None for key, text in texts.items()})
 
 
 def _pairs(**values: object) -> list[KeyValue]:

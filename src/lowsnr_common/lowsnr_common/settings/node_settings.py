@@ -35,6 +35,8 @@ class NodeSettings:
     live: bool = setting(
         False, 'whether image_raw comes from a camera, which may stop and start again: the node '
         'does not wait for it')
+    compressed: bool = setting(
+        False, 'whether the camera sends compressed images (sensor_msgs/CompressedImage)')
     silence_s: float = setting(
         10.0, 'wall time without a message after which /diagnostics reports an input as silent '
         '[s]', gt=0.0)
@@ -74,6 +76,9 @@ class PlayerSettings:
     frames_topic: str = setting('/image_raw', 'topic of the frames in the bag')
     truth_topic: str = setting(
         '/ground_truth', 'topic of the truth in the bag, its odometry below it; empty for none')
+    truth_bag: str = setting('', 'path of the bag that has the truth; empty for the same bag')
+    left_out: tuple[int, ...] = setting(
+        (), 'numbers of the frames in the bag, from 0, whose stamps are not in order', ge=0)
     simulated: bool = setting(
         False, 'whether the frames are simulated; a recording of the replay carries it on')
     frames: int = setting(0, 'frames to publish, 0 for all', ge=0)
@@ -97,7 +102,7 @@ class PlayerSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class FrameSettings:
-    """Settings of detector and tracker about where their frames come from."""
+    """Settings of detector, tracker and evaluator about where their frames come from."""
 
     conditioned: bool = setting(
         False, 'whether a conditioner stands before the detector: the node then waits for the map '

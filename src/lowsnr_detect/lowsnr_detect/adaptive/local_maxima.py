@@ -23,12 +23,19 @@ def local_maxima(plane: np.ndarray, reach: int) -> tuple[np.ndarray, np.ndarray,
     count = 0
     found = np.empty((rows * cols // 2 + 1, 2), np.intp)
     for row in range(rows):
-        for col in range(cols):
-            value = plane[row, col]
-            if value > np.float32(-np.inf) and _exceeds(plane, row, col, value, 1) and (
-                    reach == 1 or _exceeds(plane, row, col, value, reach)):
+        line, col = plane[row], 0
+        while col < cols:
+            value = line[col]
+            # Most cells fall behind a neighbour in the row.
+            if (col + 1 < cols and line[col + 1] >= value) or not value > np.float32(-np.inf):
+                col += 1
+            elif (col > 0 and line[col - 1] >= value) or not _exceeds(
+                    plane, row, col, value, reach):
+                col += 2
+            else:
                 found[count, 0], found[count, 1] = row, col
                 count += 1
+                col += reach + 1
     row_of, col_of = found[:count, 0].copy(), found[:count, 1].copy()
     values = np.empty(count, np.float32)
     for n in range(count):

@@ -17,6 +17,7 @@ from typing import TypeVar
 import warnings
 
 from lowsnr_common.settings.flat_values import flat_values
+from lowsnr_common.settings.frame_period import at_unit_period
 from lowsnr_common.settings.node_settings import DetectionSettings
 from lowsnr_detect.calibration.cache import cache_key
 from lowsnr_detect.calibration.cache import default_folder
@@ -80,6 +81,7 @@ def curve(
         Receives a line for a file that cannot be used, and for one that cannot be written.
 
     """
+    detector = at_unit_period(detector)
     found = known_curve(detector, shape, folder=folder, warn=warn, **options)
     if found is None:
         found = simulate_curve(detector, shape, progress=progress, **options)
@@ -146,8 +148,13 @@ def logged_progress(
 
 
 def _key(detector: Detector, shape: tuple[int, int], options: dict[str, Any]) -> str:
-    """Return the name of a curve on disk: the threshold of the detector does not matter."""
-    settings = flat_values(detector)
+    """
+    Return the name of a curve on disk.
+
+    The threshold of the detector does not matter, nor does the frame period, which of a camera is
+    measured anew at each start.
+    """
+    settings = flat_values(at_unit_period(detector))
     del settings['threshold']
     return cache_key(type(detector), {
         'settings': settings, 'shape': list(shape), 'options': options})

@@ -9,8 +9,9 @@ import numpy as np
 @compiled
 def predict(
     planes: np.ndarray, scale: np.ndarray, first_group: np.ndarray, step: np.ndarray,
-    first_entry: np.ndarray, source: np.ndarray, prob: np.ndarray, stays: np.ndarray,
-    born: np.ndarray, first: int, last: int, after: np.ndarray, mass: np.ndarray,
+    first_entry: np.ndarray, source: np.ndarray, prob: np.ndarray, switch: np.ndarray,
+    stays: np.ndarray, born: np.ndarray, first: int, last: int, after: np.ndarray,
+    mass: np.ndarray,
 ) -> None:
     """
     Write ``stays T (scale planes) + born`` of the rows from ``first`` to ``last``.
@@ -20,8 +21,14 @@ def predict(
     :class:`lowsnr_detect.grid.transitions.Transitions`.
     """
     rows, cols = scale.shape[1:]
-    spread = np.empty(cols)
+    spread, reach = np.empty(cols), np.abs(step).max()
+    switches = len(switch) > 1
+    mixed = np.empty((len(planes) if switches else 0, 1, rows, cols))
     for run in range(len(scale)):
+        before, at = planes, run
+        if switches:
+            _switch(planes, switch, run, max(first - reach, 0), min(last + reach, rows), mixed)
+            before, at = mixed, 0
         for row in range(first, last):
             mass[run, row] = 0.0
             for kind in range(len(planes)):
@@ -31,10 +38,28 @@ def predict(
                     origin = row - step[group, 0]
                     if 0 <= origin < rows:
                         _gather(
-                            planes, source, prob, first_entry[group], first_entry[group + 1], run,
+                            before, source, prob, first_entry[group], first_entry[group + 1], at,
                             origin, spread)
                         _shift(spread, scale[run, origin], step[group, 1], moved)
                 _add_births(moved, stays[run], born[kind, run], mass[run, row])
+
+
+@compiled
+def _switch(
+    planes: np.ndarray, switch: np.ndarray, run: int, first: int, last: int, mixed: np.ndarray,
+) -> None:
+    """Write the mass (C, 1, rows, cols) of the rows of a run after the modes have switched."""
+    kinds = len(planes) // len(switch)
+    for kind in range(len(planes)):
+        mode, rest = divmod(kind, kinds)
+        for row in range(first, last):
+            into, here = mixed[kind, 0, row], planes[rest, run, row]
+            for col in range(len(into)):
+                into[col] = switch[0, mode] * here[col]
+            for before in range(1, len(switch)):
+                here, weight = planes[before * kinds + rest, run, row], switch[before, mode]
+                for col in range(len(into)):
+                    into[col] += weight * here[col]
 
 
 @compiled

@@ -125,18 +125,16 @@ def predict(
 
     """
     batch, (rows, cols) = scale.shape[:-2], scale.shape[-2:]
-    modes, count = len(transitions.switch), transitions.count
-    mixed = planes
-    if modes > 1:
-        mixed = transitions.switch.T @ planes.reshape(modes, -1)
-    mixed = np.ascontiguousarray(mixed).reshape(count, -1, rows, cols)
+    count = transitions.count
+    before = np.ascontiguousarray(planes).reshape(count, -1, rows, cols)
     factors = np.ascontiguousarray(scale).reshape(-1, rows, cols)
     survives = np.array(np.broadcast_to(stays, batch)).ravel()
     births = np.outer(transitions.appears, np.broadcast_to(born, batch))
-    after, mass = np.empty_like(mixed), np.empty_like(factors)
+    after, mass = np.empty_like(before), np.empty_like(factors)
     in_bands(
         lambda first, last: transition_kernels.predict(
-            mixed, factors, transitions.first_group, transitions.step, transitions.first_entry,
-            transitions.source, transitions.prob, survives, births, first, last, after, mass),
+            before, factors, transitions.first_group, transitions.step, transitions.first_entry,
+            transitions.source, transitions.prob, transitions.switch, survives, births, first,
+            last, after, mass),
         rows, regions)
     return after.reshape(count, *scale.shape), mass.reshape(scale.shape)

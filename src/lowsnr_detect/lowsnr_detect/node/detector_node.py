@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import asdict
 from typing import Any
 
 from lowsnr_common.core.frame_map import FrameMap
+from lowsnr_common.core.records import AlarmRate
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.core.records import Malformed
 from lowsnr_common.core.streams import stream
 from lowsnr_common.ros import messages
+from lowsnr_common.ros import run_records
 from lowsnr_common.ros.frame_maps import FrameMaps
 from lowsnr_common.ros.managed_node import ManagedNode
 from lowsnr_common.ros.node_main import run
@@ -20,6 +23,7 @@ from lowsnr_common.ros.qos import reliable
 from lowsnr_common.settings.flat_values import changed
 from lowsnr_common.settings.node_settings import DetectionSettings
 from lowsnr_common.settings.node_settings import FrameSettings
+from lowsnr_detect.node.live_detector import acts
 from lowsnr_detect.node.live_detector import check_effect
 from lowsnr_detect.node.live_detector import LiveDetector
 from lowsnr_detect.node.live_detector import warm_up
@@ -86,9 +90,21 @@ class DetectorNode(ManagedNode):
             self._work.change(self.live, self.counts['in'] + 1)
 
     def facts(self) -> dict[str, str]:
-        """Return the false-alarm probability, asked for and measured, where it is adaptive."""
-        rates = self._work.rates() if self._work else {}
-        return {f'false_alarm_prob {name}': f'{rate:.4g}' for name, rate in rates.items()}
+        """Return the false-alarm probability, asked for and measured, where there is one."""
+        return {f'false_alarm_prob {name}': f'{share:.4g}'
+                for name, share in asdict(self._alarm_rate()).items() if share is not None}
+
+    def report(self) -> None:
+        """Publish counts, times and faults; tell bring-up the false-alarm rate."""
+        super().report()
+        self.bringup.tell(run_records.ALARM_RATE, run_records.rate_to_message(
+            self.get_fully_qualified_name(), self._alarm_rate()))
+
+    def _alarm_rate(self) -> AlarmRate:
+        operating = self.live[1]
+        return AlarmRate(
+            operating.false_alarm_prob if acts('false_alarm_prob', operating) else None,
+            self._work.measured() if self._work else None)
 
     def _on_frame(self, image: Image) -> None:
         if not self.active or not self.is_new('image_raw', image.header.stamp):

@@ -71,12 +71,10 @@ class LiveDetector:
         self._memory = fresh if not overlaps(by, self.shape) else moved_memory(
             memory, fresh, self.shape, by, self._detector.sensor.cell_size_m)
 
-    def rates(self) -> dict[str, float]:
-        """Return the share of frames with a false alarm, asked and measured, if adaptive."""
+    def measured(self) -> float | None:
+        """Return the share of frames with a false alarm that an adaptive detector measures."""
         working = self._detector
-        if not isinstance(working, AdaptiveDetector):
-            return {}
-        return {'asked': working.prob, 'measured': working.measured(self._memory)}
+        return working.measured(self._memory) if isinstance(working, AdaptiveDetector) else None
 
     def thresholds(self) -> dict[str, float]:
         """Return the thresholds in force [nat], by name; of adaptive ones the largest."""
@@ -145,6 +143,12 @@ def warm_up(detector: Detector) -> None:
             state, _ = detector.step(state, np.ones(_WARM_UP_SHAPE, dtype=kind), rng)
 
 
+def acts(name: str, operating: DetectionSettings) -> bool:
+    """Return whether a setting acts at an operating point."""
+    point = operating.operating_point
+    return point in _ACTS_AT.get(name, (point,))
+
+
 def check_effect(names: Iterable[str], settings: Settings) -> None:
     """
     Check that a change of settings has an effect, and none beyond its own.
@@ -164,12 +168,12 @@ def check_effect(names: Iterable[str], settings: Settings) -> None:
 
     """
     detector, operating = settings
-    point = operating.operating_point
     for name in names:
-        if point not in (acts_at := _ACTS_AT.get(name, (point,))):
+        if not acts(name, operating):
             raise ValueError(
-                f'{name} does nothing while operating_point is {point!r}; set operating_point '
-                f'to {" or ".join(map(repr, acts_at))} first, or in the same call')
+                f'{name} does nothing while operating_point is {operating.operating_point!r}; set '
+                f'operating_point to {" or ".join(map(repr, _ACTS_AT[name]))} first, or in the '
+                'same call')
         destination = getattr(detector, 'destination', None)
         if name == 'sensor.snr_db' and destination and destination.probability:
             raise ValueError(

@@ -40,33 +40,35 @@ def extend_bank(
 
     """
     rows, cols = frame.shape[1:]
+    none = np.zeros(cols, np.float32)
     for run in range(len(frame)):
         for row in range(first, last):
-            here, most = frame[run, row], best[run, row]
-            most[:] = np.float32(-np.inf)
+            here, most, still = frame[run, row], best[run, row], sums[0, run, row]
             for n in range(len(before)):
                 new, source, step = sums[n, run, row], row - moves[n, 0], moves[n, 1]
-                new[:] = here
-                if 0 <= source < rows and abs(step) < cols:
-                    left, size = max(-step, 0), cols - abs(step)
-                    _fade_in(new[max(step, 0):max(step, 0) + size],
-                             before[n, run, source, left:left + size], fading)
-                if n > 0:
-                    _raise(most, new, sums[0, run, row], standing, scale[n])
+                size = cols - abs(step) if 0 <= source < rows else 0
+                start, left = max(step, 0) if size > 0 else 0, max(-step, 0)
+                end = start + max(size, 0)
+                _extend(new[:start], here[:start], none, fading, most[:start], still[:start],
+                        standing, scale[n])
+                if size > 0:
+                    _extend(new[start:end], here[start:end],
+                            before[n, run, source, left:left + size], fading, most[start:end],
+                            still[start:end], standing, scale[n])
+                _extend(new[end:], here[end:], none, fading, most[end:], still[end:], standing,
+                        scale[n])
+                if n == 0:
+                    most[:] = np.float32(-np.inf)
 
 
 @compiled
-def _fade_in(new: np.ndarray, old: np.ndarray, fading: float) -> None:
-    """Add what is left of the sums of the frame before."""
-    for col in range(len(new)):
-        new[col] += fading * old[col]
-
-
-@compiled
-def _raise(
-    most: np.ndarray, moving: np.ndarray, still: np.ndarray, standing: float, scale: float,
+def _extend(
+    new: np.ndarray, here: np.ndarray, old: np.ndarray, fading: float, most: np.ndarray,
+    still: np.ndarray, standing: float, scale: float,
 ) -> None:
-    """Raise the best of a row to one velocity's difference to what stands in place."""
-    for col in range(len(most)):
-        value = (moving[col] - standing * still[col]) * scale
+    """Add a row to what is left of its sums, and raise the best to the scaled difference."""
+    for col in range(len(new)):
+        total = here[col] + fading * old[col]
+        new[col] = total
+        value = (total - standing * still[col]) * scale
         most[col] = value if value > most[col] else most[col]

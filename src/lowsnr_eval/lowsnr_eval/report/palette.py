@@ -21,12 +21,13 @@ def stretch(cells: np.ndarray) -> np.ndarray:
     """
     Return intensities as greys.
 
-    A few very bright cells do not make the others black; cells that are all equal are black.
+    A few very bright cells do not make the others black; cells that are all equal are black, and
+    so are those without a value.
 
     Parameters
     ----------
     cells
-        Finite intensities, of any shape.
+        Intensities of any shape, NaN where there is none.
 
     Returns
     -------
@@ -35,7 +36,9 @@ def stretch(cells: np.ndarray) -> np.ndarray:
 
     """
     flat = cells.ravel()
-    low, high = np.quantile(flat[::1 + flat.size // _SAMPLE], (_DARKEST, _BRIGHTEST))
+    sample = flat[::1 + flat.size // _SAMPLE]
+    known = sample[np.isfinite(sample)]
+    low, high = np.quantile(known, (_DARKEST, _BRIGHTEST)) if known.size else (0.0, 0.0)
     scale = 255.0 / (high - low) if high > low else 0.0
-    greys: np.ndarray = np.clip((cells - low) * scale, 0.0, 255.0).astype(np.uint8)
-    return greys
+    greys = np.clip((cells - low) * scale, 0.0, 255.0)
+    return np.nan_to_num(greys, copy=False).astype(np.uint8)

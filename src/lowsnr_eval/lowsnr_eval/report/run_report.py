@@ -75,10 +75,10 @@ def _page(folder: Path, command: str) -> str:
     summary = json.loads((folder / SUMMARY_FILE).read_text(encoding='utf-8'))
     sections = []
     if (folder / SCENE_FILE).is_file():
-        lines, frames = read_scene(folder)
+        lines, frames, cells = read_scene(folder)
         if any(frame is not None for frame in frames):
             scored = summary['frames']['scored'] + summary['frames']['unanswered']
-            sections.append(pages.section('Frames', animation(lines, frames, scored)))
+            sections.append(pages.section('Frames', animation(lines, frames, cells, scored)))
     sections += [
         pages.section('Figures', pages.preformatted(format_table(summary))),
         pages.section('Frame by frame', _curves(

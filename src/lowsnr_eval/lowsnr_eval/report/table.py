@@ -15,7 +15,8 @@ _HEADERS = (
 )
 _LEGEND = """
 P_D: share of the objects present that were hit within {gate:g} {cells}.
-P_FA: share of the frames without object that hold any declaration.
+P_FA: share of the frames without object that hold any declaration; as an adaptive detector
+measures it: share of its recent frames with a declaration that continues none before.
 false alarms: declarations that hit nothing, in all frames; first hit: after its appearance.
 [ , ]: Wilson 95 % interval; -: no such figure.
 """
@@ -88,10 +89,13 @@ def _note(name: str, figures: Mapping[str, Any]) -> str:
         seen = (f'{counts["frames_without_truth"]} frames without truth, in which '
                 f'{figures["detection"]["declared"]} detections and {counts["declared"]} tracks '
                 'were declared')
-    detected = figures['detection_latency_ms']['median']
+    detected, alarms = figures['detection_latency_ms']['median'], figures['detection']
     return (
-        f'{name}: {seen}\n{name}: frame to detections {_number(detected, 1)} ms (median), to '
-        f'tracks {_number(latency["median"], 1)} ms (median), {_number(latency["p99"], 1)} ms '
+        f'{name}: {seen}\n{name}: P_FA asked {_probability(figures.get("pfa_asked"))}, scored '
+        f'{_share(alarms["pfa_per_frame"], alarms["pfa_interval"], 3)}, measured by the detector '
+        f'{_probability(figures.get("pfa_measured"))}\n'
+        f'{name}: frame to detections {_number(detected, 1)} ms (median), to tracks '
+        f'{_number(latency["median"], 1)} ms (median), {_number(latency["p99"], 1)} ms '
         '(99 %)')
 
 
@@ -100,6 +104,10 @@ def _share(value: float | None, interval: list[float] | None, digits: int) -> st
         return '-'
     low, high = interval
     return f'{value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]'
+
+
+def _probability(value: float | None) -> str:
+    return '-' if value is None else f'{value:.3g}'
 
 
 def _number(value: float | None, digits: int, unit: float = 1.0) -> str:

@@ -9,14 +9,17 @@ from pathlib import Path
 from typing import Any
 
 from lowsnr_bringup.plan.graph import build
+from lowsnr_bringup.plan.graph import node_of
 from lowsnr_bringup.run import results_folder as files
+from lowsnr_bringup.run.earlier_run import earlier_alarm_rates
+from lowsnr_bringup.run.earlier_run import earlier_counts
+from lowsnr_bringup.run.earlier_run import earlier_restarts
+from lowsnr_bringup.run.earlier_run import evaluator_parameters
 from lowsnr_bringup.run.frame_ledger import FrameLedger
+from lowsnr_common.core.records import AlarmRate
 from lowsnr_common.settings.flat_values import flat_values
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.node_settings import RunSettings
-from lowsnr_eval.scoring.earlier_run import earlier_counts
-from lowsnr_eval.scoring.earlier_run import earlier_restarts
-from lowsnr_eval.scoring.earlier_run import evaluator_parameters
 from lowsnr_eval.scoring.score_tables import read_frames
 from lowsnr_eval.scoring.score_tables import read_latency
 from lowsnr_eval.scoring.tallies import Tallies
@@ -57,7 +60,9 @@ def summarize(
         tallies.add_latency(times.detector, times.latency_ms, times.detection_ms)
     detectors = tallies.figures()
     for name, point in zip(run.detectors, run.operating_points):
-        detectors[name]['operating_point'] = point
+        rate = account.alarm_rates.get(node_of(name), AlarmRate())
+        detectors[name] |= {
+            'operating_point': point, 'pfa_asked': rate.asked, 'pfa_measured': rate.measured}
     ledger = account.ledger or FrameLedger(tallies.frames)
     ledger.close(tallies.frames, tallies.last)
     return {
@@ -157,7 +162,8 @@ def summarize_folder(folder: Path) -> dict[str, Any]:
     a run, or without a scored frame, raises ValueError too.
     """
     summary = summarize_run(
-        folder, evaluator_parameters(folder), files.Account(restarts=earlier_restarts(folder)))
+        folder, evaluator_parameters(folder), files.Account(
+            restarts=earlier_restarts(folder), alarm_rates=earlier_alarm_rates(folder)))
     if summary is None:
         raise ValueError(f'{folder}: nothing was scored')
     frames, earlier = summary['frames'], earlier_counts(folder)

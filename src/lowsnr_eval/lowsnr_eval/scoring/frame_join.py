@@ -97,7 +97,7 @@ class FrameJoin:
 
     def add_array(self, topic: str, stamp: int, entries: list[Estimate], now_s: float) -> Arrival:
         """Add an array with its stamp [ns] and the wall time of its arrival [s]."""
-        if topic == self._key and self._timeline.classify(stamp) is StampOrder.SET_BACK:
+        if topic == self._key and self._timeline.classify(stamp, now_s) is StampOrder.SET_BACK:
             self._restart_at(stamp)
         frame = self._frame(stamp)
         if frame is None:

@@ -6,9 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from lowsnr_bringup.bags.bag_frames import check_type
+from lowsnr_bringup.bags.bag_frames import IMAGE
 from lowsnr_bringup.bags.reader import Bag
 from lowsnr_bringup.bags.recorded_run import ARRAY
-from lowsnr_bringup.bags.recorded_run import check_type
+from lowsnr_bringup.bags.recorded_run import CAMERA_INFO
 from lowsnr_bringup.bags.recorded_run import recorded_frames_topic
 from lowsnr_bringup.bags.recorded_run import recorded_parameters
 from lowsnr_bringup.plan import graph
@@ -20,6 +22,8 @@ from lowsnr_common.settings.text import one_line
 from lowsnr_eval.scoring.run_scoring import TRUTH
 
 _LEVELS = ('detections', 'tracks')
+_CELLS = {
+    f'{graph.CONDITIONED}camera_info': CAMERA_INFO, f'{graph.CONDITIONED}image_raw': IMAGE}
 
 
 @dataclass(frozen=True)
@@ -28,7 +32,7 @@ class RecordedChains:
     What is scored of a bag.
 
     ``names`` maps each topic of the bag to its name in scoring.  The bag may lack the
-    ``frames_topic``.
+    ``frames_topic``.  ``cells_topics`` are those of the conditioned frames and their maps, if any.
     """
 
     run: RunSettings
@@ -36,6 +40,7 @@ class RecordedChains:
     seed: int
     names: Mapping[str, str]
     frames_topic: str
+    cells_topics: tuple[str, ...] = ()
 
 
 def find_chains(
@@ -68,7 +73,7 @@ def find_chains(
         f'/{name}' if evaluator.get('namespaces') else '': name
         for name in evaluator.get('detectors', ())})
     if truth_topic is not None:
-        check_type(bag, truth_topic, ARRAY, '--truth-topic')
+        check_type(bag, truth_topic, (ARRAY,), '--truth-topic')
     truth_topic = truth_topic or f'/{TRUTH}'
     truth = bag.topics.get(truth_topic) == ARRAY
     if not truth and not any(bag.topics.get(f'{space}/{_LEVELS[0]}') == ARRAY for space in names):
@@ -81,7 +86,8 @@ def find_chains(
     return RecordedChains(
         run, evaluation, evaluator.get('seed', 0),
         {own: topic for own, topic in topics.items() if bag.topics.get(own) == ARRAY},
-        frames_topic or recorded_frames_topic(bag, told))
+        frames_topic or recorded_frames_topic(bag, told),
+        tuple(_CELLS) if all(bag.topics.get(own) == kind for own, kind in _CELLS.items()) else ())
 
 
 def _names(bag: Bag, known: Mapping[str, str]) -> dict[str, str]:

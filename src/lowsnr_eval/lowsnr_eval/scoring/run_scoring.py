@@ -7,16 +7,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lowsnr_bringup.run.frame_ledger import FrameLedger
+from lowsnr_bringup.run.growing_file import WriteFault
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.core.records import Truth
+from lowsnr_common.core.timeline import in_seconds
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.node_settings import RunSettings
+from lowsnr_eval.scoring.entry_tables import EntryTables
 from lowsnr_eval.scoring.frame_join import Arrival
 from lowsnr_eval.scoring.frame_join import Frame
 from lowsnr_eval.scoring.frame_join import FrameJoin
 from lowsnr_eval.scoring.frame_scoring import Answer
 from lowsnr_eval.scoring.frame_scoring import score_frame
-from lowsnr_eval.scoring.growing_file import WriteFault
 from lowsnr_eval.scoring.scene import SceneWriter
 from lowsnr_eval.scoring.score_tables import ScoreTables
 
@@ -40,8 +42,8 @@ class RunScorer:
     ``topics`` are those of the arrays and states that it needs.  Without truth the first chain's
     detections show that a frame exists, and what was declared is counted, nothing else.
     ``ledger`` counts the frames that are known to exist and where they went, ``number`` is that
-    of the last one scored.  ``tables`` and ``scene`` are the writers of its results; the scene
-    takes the frames too.
+    of the last one scored.  ``tables``, ``entries`` and ``scene`` are the writers of its results;
+    the scene takes the frames too.
 
     Parameters
     ----------
@@ -51,6 +53,8 @@ class RunScorer:
         Called with a sentence and a reason code for each frame that cannot be scored.
     resumed
         Whether to continue the results that an earlier process left in the folder.
+    conditioned
+        Whether the scene is given conditioned cells too.
 
     Raises
     ------
@@ -61,7 +65,7 @@ class RunScorer:
 
     def __init__(
         self, run: RunSettings, evaluation: Evaluation, reject: Callable[[str, str], None],
-        resumed: bool = False,
+        resumed: bool = False, conditioned: bool = False,
     ) -> None:
         self._truth, self._evaluation, self._reject = run.truth, evaluation, reject
         space = '{}/' if run.namespaces else ''
@@ -74,7 +78,9 @@ class RunScorer:
         folder = Path(run.results)
         folder.mkdir(parents=True, exist_ok=True)
         self.tables = ScoreTables(folder, run.detectors, resumed)
-        self.scene = SceneWriter(folder, evaluation.sensor.cell_size_m, resumed)
+        cell_size_m = evaluation.sensor.cell_size_m
+        self.entries = EntryTables(folder, cell_size_m, self.tables.number if resumed else None)
+        self.scene = SceneWriter(folder, cell_size_m, resumed, conditioned)
         self._join = FrameJoin(self.topics, self._key, self.tables.stamp_ns)
         self.number = self.tables.number
         self.ledger = FrameLedger(self.number)
@@ -106,16 +112,20 @@ class RunScorer:
                 self._join.expect_no_more(topics[1:], before_s)
 
     def flush(self) -> WriteFault | None:
-        """Write what waits; where the scores have no room, the scene gives way to them."""
-        if (fault := self.tables.flush()) and fault.full:
+        """Write what waits; where the tables have no room, the scene gives way to them."""
+        fault = self.tables.flush() or self.entries.flush()
+        if fault and fault.full:
             self.scene.give_way()
-            fault = self.tables.flush()
+            fault = self.tables.flush() or self.entries.flush()
         return fault
 
     def close(self) -> None:
-        """Write what waits, and close the files."""
+        """Write what waits, of all things the scores, and close the files."""
         self.flush()
+        if self.tables.flush():
+            self.entries.give_way()
         self.tables.close()
+        self.entries.close()
         self.scene.close()
 
     def _score_one(self, frame: Frame) -> ScoredFrame | None:
@@ -124,13 +134,15 @@ class RunScorer:
         truth = frame.answer(TRUTH) if self._truth else None
         if truth is None and self._truth:
             self._reject(
-                f'the truth of the frame of {frame.stamp / 1e9:.9g} s did not arrive', NO_TRUTH)
+                f'the truth of the frame of {in_seconds(frame.stamp)} s did not arrive', NO_TRUTH)
             return None
         self.number += 1
         answers = {name: self._answer(frame, *topics) for name, topics in self._chains.items()}
         objects = None if truth is None else [Truth(item.id, item.state) for item in truth]
         scores = score_frame(
             self.number, frame.stamp / 1e9, objects, answers, self._evaluation)
+        # The lines of the scores come last: they show a process that continues what is whole.
+        self.entries.add(self.number, frame.stamp, answers)
         self.tables.add(scores, answers)
         self.scene.add_answers(self.number, frame.stamp, objects or (), answers)
         self.ledger.score(frame.stamp, self.number)

@@ -1,8 +1,9 @@
 """
 The scene of a run: its frames and what they were answered with, for the report's animation.
 
-``frames.f32`` holds the frames, ``scene.jsonl`` a line for each of them with truth, detections
-and tracks.  Both grow frame by frame, so that the report of an interrupted run has them too.
+``frames.f32`` holds the frames, each followed by its cells if it was conditioned, ``scene.jsonl``
+a line for each of them with truth, detections and tracks.  Both grow frame by frame, so that the
+report of an interrupted run has them too.
 """
 
 from __future__ import annotations
@@ -16,12 +17,14 @@ import os
 from pathlib import Path
 from typing import Any
 
+from lowsnr_common.core.frame_map import FrameMap
 from lowsnr_common.core.motion import POS
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.core.records import Truth
 from lowsnr_eval.scoring.frame_scoring import Answer
 import numpy as np
 
+Plane = np.ndarray | None
 SCENE_FILE = 'scene.jsonl'
 PIXELS_FILE = 'frames.f32'
 # A frame of more cells is reduced.
@@ -38,12 +41,12 @@ def reduction(shape: tuple[int, int]) -> int:
 
 
 def reduced(frame: np.ndarray, step: int) -> np.ndarray:
-    """Return the brightest cell of each block of ``step`` x ``step`` cells, (rows, cols)."""
-    blocks = np.full([-(-size // step) for size in frame.shape], -np.inf, np.float32)
+    """Return the brightest cell of each block of ``step`` x ``step`` cells, NaN if it has none."""
+    blocks = np.full([-(-size // step) for size in frame.shape], np.nan, np.float32)
     for row, col in np.ndindex(step, step):
         cells = frame[row::step, col::step]
         part = blocks[:cells.shape[0], :cells.shape[1]]
-        np.maximum(part, cells, out=part, casting='same_kind')
+        np.fmax(part, cells, out=part, casting='same_kind')
     return blocks
 
 
@@ -51,10 +54,10 @@ class SceneWriter:
     """
     Writer of the scene of a run; :meth:`close` it at the end.
 
-    A frame and its answers arrive in any order.  The writer writes them when it has both, or
-    when a later frame shows that the frame will not arrive.  The files hold at most 64 MB of
-    frames and 16 MB of text, the first of the run; after that, or where the disk is full, the
-    writer is ``full`` and ignores what it is given.
+    A frame, its cells and its answers arrive in any order.  The writer writes them when it has
+    all, or when a later one shows that a frame, or its cells, will not arrive.  The files hold at
+    most 64 MB of frames and 16 MB of text, the first of the run; after that, or where the disk is
+    full, the writer is ``full`` and ignores what it is given.
 
     Parameters
     ----------
@@ -64,15 +67,22 @@ class SceneWriter:
         Side of a cell [m].
     resumed
         Whether to continue the files of an earlier process.
+    conditioned
+        Whether frames have conditioned cells.
 
     """
 
-    def __init__(self, folder: Path, cell_size_m: float, resumed: bool = False) -> None:
+    def __init__(
+        self, folder: Path, cell_size_m: float, resumed: bool = False, conditioned: bool = False,
+    ) -> None:
         self._cell_size_m = cell_size_m
-        self._letters, self._cells = _cut_to_whole(folder) if resumed else (0, 0)
+        self._letters, self._numbers = _cut_to_whole(folder) if resumed else (0, 0)
         self._frames: dict[int, tuple[int, np.ndarray]] = {}
+        self._cells: dict[int, tuple[dict[str, Any], np.ndarray]] = {}
+        self._awaited: tuple[dict[int, Any], ...] = (
+            self._frames, self._cells)[:1 + conditioned]
         self._answers: deque[tuple[int, dict[str, Any]]] = deque()
-        self.full = max(self._letters, self._cells) > _BUDGET
+        self.full = max(self._letters, self._numbers) > _BUDGET
         self._lines, self._pixels = (
             (folder / name).open('ab' if resumed else 'wb', buffering=0)
             for name in (SCENE_FILE, PIXELS_FILE))
@@ -82,9 +92,25 @@ class SceneWriter:
         if self.full:
             return
         step = reduction(frame.shape)
-        self._frames[stamp] = step, reduced(frame, step).astype('<f4')
-        if len(self._frames) > WAITING:
-            del self._frames[min(self._frames)]
+        self._keep(self._frames, stamp, (step, reduced(frame, step).astype('<f4')))
+
+    def add_cells(self, stamp: int, cells: np.ndarray, where: FrameMap) -> None:
+        """Add the conditioned cells (rows, cols) of the frame with a stamp [ns]."""
+        if self.full:
+            return
+        step = reduction(cells.shape)
+        kept = reduced(cells, step).astype('<f4')
+        # The edge of the first cell in the image; pixel centres are whole numbers.
+        corner = where.pixels(np.zeros(2)) - where.binning / 2.0
+        self._keep(self._cells, stamp, ({
+            'shape': list(kept.shape), 'side': step * where.binning,
+            'corner': corner.round(3).tolist()}, kept))
+
+    def _keep(self, kept: dict[int, Any], stamp: int, item: Any) -> None:
+        """Keep a frame, or cells, until the answers arrive."""
+        kept[stamp] = item
+        if len(kept) > WAITING:
+            del kept[min(kept)]
         self._write(WAITING)
 
     def add_answers(
@@ -122,22 +148,26 @@ class SceneWriter:
         while self._answers and not self.full:
             stamp, line = self._answers[0]
             # Frames arrive in order: none arrives after a later one.
-            if max(self._frames, default=-1) < stamp and len(self._answers) <= most_waiting:
+            newest = min(max(kept, default=-1) for kept in self._awaited)
+            if newest < stamp and len(self._answers) <= most_waiting:
                 return
             self._answers.popleft()
             step, frame = self._frames.pop(stamp, (1, None))
+            place, cells = self._cells.pop(stamp, (None, None))
             self._append(line | {
-                'step': step, 'shape': None if frame is None else list(frame.shape)}, frame)
-            for old in [key for key in self._frames if key < stamp]:
-                del self._frames[old]
+                'step': step, 'shape': None if frame is None else list(frame.shape),
+                'cells': place}, [item for item in (frame, cells) if item is not None])
+            for kept in self._awaited:
+                for old in [key for key in kept if key < stamp]:
+                    del kept[old]
 
-    def _append(self, line: dict[str, Any], frame: np.ndarray | None) -> None:
+    def _append(self, line: dict[str, Any], planes: Sequence[np.ndarray]) -> None:
         text = f'{json.dumps(line)}\n'.encode()
-        pixels = b'' if frame is None else frame.tobytes()
+        pixels = b''.join(plane.tobytes() for plane in planes)
         self._letters += len(text)
-        self._cells += len(pixels) // 4
+        self._numbers += len(pixels) // 4
         try:
-            self.full = max(self._letters, self._cells) > _BUDGET or (
+            self.full = max(self._letters, self._numbers) > _BUDGET or (
                 self._pixels.write(pixels) + self._lines.write(text) < len(pixels) + len(text))
         except OSError:
             self.full = True
@@ -147,7 +177,8 @@ class SceneWriter:
     def _fill(self) -> None:
         """Take nothing from now on."""
         self.full = True
-        self._frames.clear()
+        for kept in self._awaited:
+            kept.clear()
         self._answers.clear()
 
     def _marks(self, items: Sequence[Truth] | Sequence[Estimate]) -> list[list[Any]]:
@@ -165,7 +196,7 @@ def _cut_to_whole(folder: Path) -> tuple[int, int]:
     try:
         most = (folder / PIXELS_FILE).stat().st_size // 4
         for text in (folder / SCENE_FILE).read_bytes().splitlines(keepends=True):
-            size = math.prod(json.loads(text)['shape'] or [0])
+            size = sum(map(math.prod, _shapes(json.loads(text))))
             if not text.endswith(b'\n') or cells + size > most:
                 break
             letters, cells = letters + len(text), cells + size
@@ -176,7 +207,13 @@ def _cut_to_whole(folder: Path) -> tuple[int, int]:
     return letters, cells
 
 
-def read_scene(folder: Path) -> tuple[list[dict[str, Any]], list[np.ndarray | None]]:
+def _shapes(line: dict[str, Any]) -> list[tuple[int, int]]:
+    """Return rows and columns of the frame of a line and of its cells, (0, 0) for none."""
+    found = line['shape'], (line.get('cells') or {'shape': None})['shape']
+    return [(int(shape[0]), int(shape[1])) if shape else (0, 0) for shape in found]
+
+
+def read_scene(folder: Path) -> tuple[list[dict[str, Any]], list[Plane], list[Plane]]:
     """
     Read the scene of a run.
 
@@ -186,17 +223,17 @@ def read_scene(folder: Path) -> tuple[list[dict[str, Any]], list[np.ndarray | No
         What each line of ``scene.jsonl`` holds, without a last line that a crash cut off.
     list of ndarray or None
         The (rows, cols) frame of each.
+    list of ndarray or None
+        The (rows, cols) conditioned cells of each.
 
     """
-    lines, frames = [], []
+    lines: list[dict[str, Any]] = []
+    frames: list[Plane] = []
+    cells: list[Plane] = []
     with (folder / PIXELS_FILE).open('rb') as pixels:
         for text in (folder / SCENE_FILE).read_text(encoding='utf-8').split('\n')[:-1]:
-            line = json.loads(text)
-            frame = None
-            if line['shape'] is not None:
-                rows, cols = line['shape']
-                data = pixels.read(4 * rows * cols)
-                frame = np.frombuffer(data, '<f4').reshape(rows, cols)
-            lines.append(line)
-            frames.append(frame)
-    return lines, frames
+            lines.append(json.loads(text))
+            for kept, shape in zip((frames, cells), _shapes(lines[-1]), strict=True):
+                data = pixels.read(4 * math.prod(shape))
+                kept.append(np.frombuffer(data, '<f4').reshape(shape) if data else None)
+    return lines, frames, cells

@@ -51,13 +51,13 @@ def frame_row(score: FrameScore) -> list[Any]:
     ids = score.object_ids or ()
     row = [score.frame, stamp, score.detector, score.level, len(ids) if truth else '']
     if comparison is None:
-        return [*row, *[''] * 7, _id_field(ids), '']
+        return [*row, *[''] * 7, id_field(ids), '']
     figures = (comparison.rmse_position_m, comparison.rmse_velocity_mps, comparison.gospa_m)
     return [
         *row, comparison.declared, len(comparison.hit_ids) if truth else '',
         comparison.false_alarms if truth else '',
         *('' if value is None else f'{value:.9g}' for value in figures),
-        comparison.velocities, _id_field(ids), _id_field(comparison.hit_ids)]
+        comparison.velocities, id_field(ids), id_field(comparison.hit_ids)]
 
 
 def frame_score(line: bytes) -> FrameScore:
@@ -96,6 +96,11 @@ def latency(line: bytes) -> Latency:
         _count(frame), detector, _time(tracks), _time(detections) if detections else None)
 
 
+def frame_number(line: bytes) -> int:
+    """Return the number of the frame with which a line begins, or raise ValueError."""
+    return _count(line.partition(b',')[0])
+
+
 def _count(text: str | bytes) -> int:
     return int(_within(int(text), 0, _MOST))
 
@@ -115,7 +120,7 @@ def _within(value: float, least: float, most: float) -> float:
     return value
 
 
-def _id_field(ids: Iterable[str]) -> str:
+def id_field(ids: Iterable[str]) -> str:
     """
     Return ids as one field, separated by spaces, all but plain letters escaped.
 

@@ -8,26 +8,23 @@ holds the wall times.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from collections.abc import Iterator
 from collections.abc import Mapping
 from collections.abc import Sequence
-import csv
 from itertools import groupby
 from itertools import product
-import mmap
 from pathlib import Path
-from typing import TypeVar
 
 from lowsnr_bringup.run import results_folder as files
+from lowsnr_bringup.run.growing_file import WriteFault
 from lowsnr_eval.scoring import score_rows as rows
 from lowsnr_eval.scoring.frame_scoring import Answer
 from lowsnr_eval.scoring.frame_scoring import FrameScore
 from lowsnr_eval.scoring.frame_scoring import LEVELS
-from lowsnr_eval.scoring.growing_file import GrowingFile
-from lowsnr_eval.scoring.growing_file import WriteFault
-
-T = TypeVar('T')
+from lowsnr_eval.scoring.table_files import lines_backwards
+from lowsnr_eval.scoring.table_files import lines_of
+from lowsnr_eval.scoring.table_files import open_table
+from lowsnr_eval.scoring.table_files import parsed
 
 
 class ScoreTables:
@@ -62,9 +59,9 @@ class ScoreTables:
         if resumed:
             self.number, self.stamp_ns, end = _last_frame(frames, len(LEVELS) * len(detectors))
             ends = (end, _latency_end(latency, self.number))
-        self._frames = _opened(frames, rows.FRAME_COLUMNS, ends[0])
+        self._frames = open_table(frames, rows.FRAME_COLUMNS, ends[0])
         try:
-            self._latency = _opened(latency, rows.LATENCY_COLUMNS, ends[1])
+            self._latency = open_table(latency, rows.LATENCY_COLUMNS, ends[1])
         except ValueError:
             self._frames.close()
             raise
@@ -103,8 +100,8 @@ def read_frames(path: Path, detectors: Sequence[str]) -> Iterator[list[FrameScor
     """
     wanted = list(product(detectors, LEVELS))
     unfinished = 0
-    lines = _lines(path, rows.FRAME_COLUMNS)
-    scores = (_parsed(path, line, rows.frame_score) for line in lines)
+    lines = lines_of(path, rows.FRAME_COLUMNS)
+    scores = (parsed(path, line, rows.frame_score) for line in lines)
     for number, group in groupby(scores, lambda score: score.frame):
         frame = list(group)
         found = [(score.detector, score.level) for score in frame]
@@ -119,8 +116,8 @@ def read_frames(path: Path, detectors: Sequence[str]) -> Iterator[list[FrameScor
 
 def read_latency(path: Path, detectors: Sequence[str]) -> Iterator[rows.Latency]:
     """Yield the wall times of ``latency.csv``; ValueError if it is not one of these chains."""
-    for line in _lines(path, rows.LATENCY_COLUMNS):
-        found = _parsed(path, line, rows.latency)
+    for line in lines_of(path, rows.LATENCY_COLUMNS):
+        found = parsed(path, line, rows.latency)
         if found.detector not in detectors:
             raise ValueError(f'{path}: {found.detector!r} is not a detector of this run')
         yield found
@@ -129,8 +126,8 @@ def read_latency(path: Path, detectors: Sequence[str]) -> Iterator[rows.Latency]
 def _last_frame(path: Path, lines_a_frame: int) -> tuple[int, int, int]:
     """Return number and stamp [ns] of the last whole frame, and where it ends [bytes]."""
     number, count, end = -1, 0, 0
-    for stop, line in _lines_backwards(path, rows.FRAME_COLUMNS):
-        score = _parsed(path, line, rows.frame_score)
+    for stop, line in lines_backwards(path, rows.FRAME_COLUMNS):
+        score = parsed(path, line, rows.frame_score)
         if score.frame != number:
             number, count, end = score.frame, 0, stop
         count += 1
@@ -141,53 +138,6 @@ def _last_frame(path: Path, lines_a_frame: int) -> tuple[int, int, int]:
 
 def _latency_end(path: Path, number: int) -> int:
     """Return where the last line of a frame up to this one ends [bytes]."""
-    lines = _lines_backwards(path, rows.LATENCY_COLUMNS)
+    lines = lines_backwards(path, rows.LATENCY_COLUMNS)
     return next((stop for stop, line in lines
-                 if _parsed(path, line, rows.latency).frame <= number), 0)
-
-
-def _opened(path: Path, columns: Sequence[str], end: int | None) -> GrowingFile:
-    """Open a table, with its header."""
-    try:
-        file = GrowingFile(path, end)
-    except OSError as error:
-        raise files.cannot_write(path.parent, error) from None
-    if file.size == 0:
-        file.append(rows.as_lines([columns]))
-    return file
-
-
-def _lines(path: Path, columns: Sequence[str]) -> Iterator[bytes]:
-    """Yield the lines after the header; a last one that was cut off is left out."""
-    with path.open('rb') as file:
-        _check_header(path, file.readline(), columns)
-        for line in file:
-            if line.endswith(b'\n'):
-                yield line
-
-
-def _lines_backwards(path: Path, columns: Sequence[str]) -> Iterator[tuple[int, bytes]]:
-    """Yield the whole lines after the header, the last first, and where each ends [bytes]."""
-    if not path.is_file() or not path.stat().st_size:
-        return
-    with path.open('rb') as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        first = data.readline()
-        _check_header(path, first, columns)
-        stop = data.rfind(b'\n') + 1
-        while stop > len(first):
-            start = data.rfind(b'\n', 0, stop - 1) + 1
-            yield stop, data[start:stop]
-            stop = start
-
-
-def _check_header(path: Path, line: bytes, columns: Sequence[str]) -> None:
-    """Raise ValueError where the first line is neither the header nor its cut-off beginning."""
-    if not rows.as_lines([columns]).startswith(line):
-        raise ValueError(f'{path}: its first line is not {",".join(columns)}')
-
-
-def _parsed(path: Path, line: bytes, parse: Callable[[bytes], T]) -> T:
-    try:
-        return parse(line)
-    except (ValueError, csv.Error):
-        raise ValueError(f'{path}: {line[:200]!r} is not a line of this table') from None
+                 if parsed(path, line, rows.latency).frame <= number), 0)

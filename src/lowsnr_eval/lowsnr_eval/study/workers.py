@@ -1,8 +1,7 @@
 """
 Workers that run the tasks of a study: local processes, or those of a dask scheduler.
 
-Both are executors of :mod:`concurrent.futures`.  Local processes receive their tasks through
-pipes, so that a local run opens no port.
+Both are executors of :mod:`concurrent.futures`; a local run opens no port.
 """
 
 from __future__ import annotations
@@ -14,24 +13,14 @@ from collections.abc import Iterator
 from collections.abc import Mapping
 from concurrent.futures import as_completed
 from concurrent.futures import Executor
-from concurrent.futures import Future
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 import contextlib
-from multiprocessing import active_children
-from multiprocessing import get_context
-from multiprocessing import parent_process
-from multiprocessing.process import BaseProcess
-import os
 from pathlib import Path
-import signal
-import threading
 from typing import Any
 from typing import ClassVar
 from typing import NamedTuple
 
-# Every worker has one core.
-_THREADS = ('OMP_NUM_THREADS', 'MKL_NUM_THREADS', 'OPENBLAS_NUM_THREADS')
+from lowsnr_eval.study.local_pool import LocalPool
+from lowsnr_eval.study.local_pool import ProcessDiedError
 
 
 class WorkerDiedError(RuntimeError):
@@ -119,38 +108,10 @@ class Workers(ABC):
             executor.shutdown(wait=False)
 
 
-class LocalPool(ProcessPoolExecutor):
-    """
-    Up to ``jobs`` processes of this machine, started as tasks are submitted.
-
-    Ctrl-C does not reach them, so that the main process alone decides what is kept.  They
-    end when the main process does, also when it is killed.
-    """
-
-    def __init__(self, jobs: int) -> None:
-        super().__init__(jobs, get_context('spawn'), _end_with_parent)
-        self._others = set(active_children())
-        self.workers: set[BaseProcess] = set()
-
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Schedule a call; start a process if there are too few."""
-        with _worker_environment():
-            future = super().submit(fn, *args, **kwargs)
-        self.workers |= set(active_children()) - self._others
-        return future
-
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the processes: after their calls, or at once without ``wait``."""
-        if not wait:
-            for process in self.workers:
-                process.terminate()
-        super().shutdown(wait=True, cancel_futures=cancel_futures or not wait)
-
-
 class LocalWorkers(Workers):
     """Processes of this machine; ``jobs`` is their number."""
 
-    died = BrokenProcessPool
+    died = ProcessDiedError
     restarts = 3
 
     def __init__(self, log: Callable[[str], None], jobs: int) -> None:
@@ -159,14 +120,11 @@ class LocalWorkers(Workers):
 
     def start(self) -> LocalPool:
         """Return a pool of processes."""
-        self._pool = LocalPool(self._jobs)
-        return self._pool
+        return LocalPool(self._jobs)
 
     def death(self, error: Exception) -> str:
-        """Name the processes that died by themselves: a broken pool terminates all others."""
-        workers = self._pool.workers
-        dead = [item for item in workers if item.exitcode not in (0, -signal.SIGTERM)] or workers
-        return ', '.join(f'worker process {item.pid} {_ending(item.exitcode)}' for item in dead)
+        """Return the message of the error, which names the process."""
+        return str(error)
 
 
 @contextlib.contextmanager
@@ -204,35 +162,3 @@ def workers(
             found = SchedulerWorkers(log, stack.enter_context(connected(scheduler, tls)))
         stack.callback(found.close)
         yield found
-
-
-@contextlib.contextmanager
-def _worker_environment() -> Iterator[None]:
-    """Within this context a new process gets one thread, and never receives Ctrl-C."""
-    added = [name for name in _THREADS if name not in os.environ]
-    # A process inherits the blocked signals of the thread that starts it.
-    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-    os.environ.update(dict.fromkeys(added, '1'))
-    try:
-        yield
-    finally:
-        for name in added:
-            del os.environ[name]
-        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
-
-
-def _end_with_parent() -> None:
-    """End this process when the one that started it ends."""
-    def wait() -> None:
-        parent = parent_process()
-        if parent is not None:
-            parent.join()
-            os._exit(1)
-
-    threading.Thread(target=wait, daemon=True).start()
-
-
-def _ending(code: int | None) -> str:
-    if code is not None and code < 0:
-        return f'was killed by {signal.Signals(-code).name}'
-    return f'ended with exit code {code}'

@@ -17,56 +17,22 @@ _ONE, _ZERO = np.float32(1.0), np.float32(0.0)
 def filter_pixels(
     values: np.ndarray, row_weights: np.ndarray, row_start: int, row_scale: np.ndarray,
     col_weights: np.ndarray, col_start: int, col_scale: np.ndarray, stride: int,
-    limits: np.ndarray, cells: np.ndarray,
+    cells: np.ndarray,
 ) -> None:
-    """Limit single pixels, and write the cells of the matched filter; ``limits`` (3,)."""
+    """Write the cells of the matched filter."""
     rows, cols = values.shape
-    taps, ring = len(row_weights), np.zeros((len(row_weights), cols), dtype=np.float32)
     left = max(-col_start, 0)
     size = left + abs(col_start) + max(cols, stride * cells.shape[1]) + len(col_weights)
     line = np.empty(size, dtype=np.float32)
-    done = -1
     for cell in range(cells.shape[0]):
         first = row_start + stride * cell
         line[:] = _ZERO
         here = line[left:left + cols]
-        for tap in range(taps):
-            row = first + tap
-            if row < 0 or row >= rows:
-                continue
-            if row > done:
-                _limit_single(values, row, limits, ring[row % taps])
-                done = row
-            weight, source = row_weights[tap] * row_scale[cell], ring[row % taps]
+        for tap in range(max(-first, 0), min(len(row_weights), rows - first)):
+            weight, source = row_weights[tap] * row_scale[cell], values[first + tap]
             for col in range(cols):
                 here[col] += weight * source[col]
         _gather(line, left + col_start, stride, col_weights, col_scale, cells[cell])
-
-
-@compiled
-def _limit_single(values: np.ndarray, row: int, limits: np.ndarray, out: np.ndarray) -> None:
-    """Limit the pixels of a row that no neighbour follows."""
-    rows, cols = values.shape
-    single, neighbour, slope = limits[0], limits[1], limits[2]
-    here = values[row]
-    for col in range(cols):
-        out[col] = _ZERO
-    if row > 0:
-        above = values[row - 1]
-        for col in range(cols):
-            out[col] = above[col] if above[col] > out[col] else out[col]
-    if row + 1 < rows:
-        below = values[row + 1]
-        for col in range(cols):
-            out[col] = below[col] if below[col] > out[col] else out[col]
-    for col in range(cols - 1):
-        out[col] = here[col + 1] if here[col + 1] > out[col] else out[col]
-    for col in range(1, cols):
-        out[col] = here[col - 1] if here[col - 1] > out[col] else out[col]
-    for col in range(cols):
-        over = out[col] - neighbour
-        most = single + slope * (over if over > _ZERO else _ZERO)
-        out[col] = here[col] if here[col] < most else most
 
 
 @compiled
@@ -87,6 +53,26 @@ def _gather(
                 cells[cell] += weight * line[start + tap + 2 * cell]
     for cell in range(len(cells)):
         cells[cell] *= scale[cell]
+
+
+@compiled
+def limit_transients(
+    cells: np.ndarray, before: np.ndarray, reach: int, scalars: tuple[float, float],
+    out: np.ndarray,
+) -> None:
+    """Write the cells, limited where nothing near them in the frame before is as bright."""
+    rows, cols = cells.shape
+    least, brighter = scalars
+    for row in range(rows):
+        for col in range(cols):
+            value = cells[row, col]
+            if value > least:
+                near = _ZERO
+                for other in range(max(row - reach, 0), min(row + reach + 1, rows)):
+                    for place in range(max(col - reach, 0), min(col + reach + 1, cols)):
+                        near = max(near, before[other, place])
+                value = min(value, max(least, brighter * near))
+            out[row, col] = value
 
 
 @compiled

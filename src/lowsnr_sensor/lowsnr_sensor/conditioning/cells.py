@@ -17,24 +17,20 @@ import numpy as np
 import scipy.ndimage
 import scipy.special
 
-# A pixel may exceed this, only as far as a neighbour does too: it suppresses cosmic rays.
-SINGLE, NEIGHBOUR, SLOPE = 3.0, 1.0, 2.5
+# A cell may exceed the first, only up to the second times what was near it in the frame before.
+TRANSIENT, BRIGHTER = 4.5, 2.0
 # Cells that hold less of the matched filter's energy than this are not observed.
 _LEAST_ENERGY = 0.25
 
 
-def single_limited(values: np.ndarray) -> np.ndarray:
+def transients_limited(cells: np.ndarray, before: np.ndarray, reach: int) -> np.ndarray:
     """
-    Limit pixels that none of their four neighbours follows, (rows, cols).
+    Limit cells that nothing within ``reach`` of them in the frame before explains, (rows, cols).
 
-    The neighbour of the peak of a point spread of .65 pixel or more has at least .3 of it, and is
-    not limited; a cosmic ray or a blinking pixel is.
+    An object was near its place in the frame before, about as bright; a cosmic ray was not.
     """
-    wide = np.pad(values, 1)
-    most = np.maximum(
-        np.maximum(wide[:-2, 1:-1], wide[2:, 1:-1]), np.maximum(wide[1:-1, :-2], wide[1:-1, 2:]))
-    limited: np.ndarray = np.minimum(
-        values, SINGLE + SLOPE * np.maximum(most - NEIGHBOUR, 0.0))
+    near = scipy.ndimage.maximum_filter(before, 2 * reach + 1, mode='nearest')
+    limited: np.ndarray = np.minimum(cells, np.maximum(TRANSIENT, BRIGHTER * near))
     return limited
 
 

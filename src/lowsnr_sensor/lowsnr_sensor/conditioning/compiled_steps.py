@@ -47,12 +47,11 @@ def block_sums(planes: Planes, local: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def filtered(values: np.ndarray, rows: cells.Taps, cols: cells.Taps) -> np.ndarray:
-    """Compute :func:`lowsnr_sensor.conditioning.cells.filtered` of single-limited pixels."""
+    """Compute :func:`lowsnr_sensor.conditioning.cells.filtered`."""
     out = np.empty((len(rows.scale), len(cols.scale)), dtype=np.float32)
-    limits = np.array([cells.SINGLE, cells.NEIGHBOUR, cells.SLOPE], dtype=np.float32)
     cell_kernels.filter_pixels(
         values, rows.weights, rows.start, rows.scale, cols.weights, cols.start, cols.scale,
-        rows.stride, limits, out)
+        rows.stride, out)
     return out
 
 
@@ -75,3 +74,11 @@ def cell_noise(
         flat, trace, persistence, unit, local, (pixels.NOISE_LIMIT**2, pixels.MEAN_SQUARE), out,
         new_trace, total, count)
     return out, new_trace, total, count
+
+
+def transients_limited(values: np.ndarray, before: np.ndarray, reach: int) -> np.ndarray:
+    """Compute :func:`lowsnr_sensor.conditioning.cells.transients_limited`."""
+    out = np.empty_like(values)
+    scalars = (np.float32(cells.TRANSIENT), np.float32(cells.BRIGHTER))
+    cell_kernels.limit_transients(values, before, reach, scalars, out)
+    return out

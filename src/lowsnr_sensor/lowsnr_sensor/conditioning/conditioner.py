@@ -22,6 +22,9 @@ from lowsnr_common.settings.declare import check_settings
 from lowsnr_common.settings.declare import setting
 from lowsnr_sensor.conditioning import compiled_steps as steps
 from lowsnr_sensor.conditioning.cells import taps
+from lowsnr_sensor.conditioning.codec import CODED
+from lowsnr_sensor.conditioning.codec import counted
+from lowsnr_sensor.conditioning.codec import settled
 from lowsnr_sensor.conditioning.frame_change import with_stripes
 from lowsnr_sensor.conditioning.frame_fit import fit_frame
 from lowsnr_sensor.conditioning.frame_fit import FrameFit
@@ -30,6 +33,7 @@ from lowsnr_sensor.conditioning.frame_fit import without_content
 from lowsnr_sensor.conditioning.pixels import blocks_of
 from lowsnr_sensor.conditioning.pixels import Limits
 from lowsnr_sensor.conditioning.pixels import Planes
+from lowsnr_sensor.conditioning.pixels import some
 from lowsnr_sensor.conditioning.pixels import surroundings
 from lowsnr_sensor.conditioning.pixels import UNOBSERVED
 from lowsnr_sensor.conditioning.scene import follow
@@ -37,12 +41,13 @@ from lowsnr_sensor.conditioning.scene import from_image
 from lowsnr_sensor.conditioning.scene import to_image
 from lowsnr_sensor.conditioning.state import Conditioned
 from lowsnr_sensor.conditioning.state import ConditionerState
+from lowsnr_sensor.conditioning.whitening import whitened
 import numpy as np
 
 # Limit of the update of the level [standard deviations].
 _LEVEL_LIMIT = 2.0
-# The least variance of a cell: where the noise of pixels is at its floor, the cells keep to it.
-_LEAST_CELL_VARIANCE = 0.64
+# Pixels by which an object, and its image in cells, move from frame to frame at most.
+_TRANSIENT_REACH = 4
 # Frames without content after which they are taken for another scene.
 _MOST_REJECTED = 8
 
@@ -52,7 +57,7 @@ class ConditioningSettings:
     """Settings of the conditioner, which is the pair of ``init`` and ``step``."""
 
     background_frames: int = setting(
-        32, 'frames over which the level of a pixel is estimated; an object must leave its place '
+        64, 'frames over which the level of a pixel is estimated; an object must leave its place '
         'within about a third of them', ge=2, le=1000)
     noise_frames: int = setting(
         100, 'frames over which the noise is estimated', ge=2, le=100_000)
@@ -71,7 +76,7 @@ class ConditioningSettings:
     codec_floor: float = setting(
         2.5, 'the same in compressed video, whose codec leaves patterns', ge=0.0)
     jitter_px: float = setting(
-        0.2, 'error of the registration, which adds noise to edges of the background [pixels]',
+        0.35, 'error of the registration, which adds noise to edges of the background [pixels]',
         ge=0.0, le=10.0)
     persistence: float = setting(
         0.5, 'weight from frame to frame in the sum of cells that the noise of cells is estimated '
@@ -113,6 +118,7 @@ class ConditioningSettings:
         return ConditionerState(
             shape=(shape[0], shape[1]), planes=None,
             local=np.zeros(blocks_of(shape), np.float32), previous=np.zeros(shape, np.float32),
+            copies=np.zeros(shape, np.uint8), before=np.zeros(size, np.float32),
             trace=np.zeros(size, np.float32), cell_variance=np.ones(blocks_of(size), np.float32))
 
     def step(
@@ -152,7 +158,7 @@ class ConditioningSettings:
             return self._start(state, values, 'cut')
         if event:
             return replace(state, rejected=state.rejected + 1), self._output(
-                state, self._zeros(state), event=event)
+                state, np.zeros_like(state.trace), event=event)
         if state.planes is None:
             return self._start(state, values, 'start')
         fit = fit_frame(self, state, values, np.issubdtype(frame.dtype, np.integer))
@@ -162,7 +168,7 @@ class ConditioningSettings:
 
     def unobserved(self, state: ConditionerState) -> Conditioned:
         """Return zeros in place of a frame that cannot be used."""
-        return self._output(state, self._zeros(state))
+        return self._output(state, np.zeros_like(state.trace))
 
     def _start(
         self, state: ConditionerState, values: np.ndarray, event: str,
@@ -179,58 +185,53 @@ class ConditioningSettings:
             self.init(state.shape), previous=values, frames=1, codec=state.codec,
             origin=(row + state.trace.shape[0] * (event == 'cut'), col),
             planes=Planes(level, np.zeros_like(level), known.astype(np.float32)))
-        return started, self._output(started, self._zeros(started), event=event)
+        return started, self._output(started, np.zeros_like(started.trace), event=event)
 
     def _followed(
         self, state: ConditionerState, values: np.ndarray, fit: FrameFit,
     ) -> tuple[ConditionerState, Conditioned]:
         """Condition a frame whose place in the scene and whose change are known."""
+        copies = counted(state, values, fit.position, fit.codec)
         state, shift = follow(state, fit, self.slack_px, self.binning)
+        state, deviations = self._updated(replace(state, copies=copies), values, fit)
+        state, flat = self._filtered(state, deviations)
+        state, cells = whitened(state, flat, self.persistence, self.noise_frames)
+        return state, self._output(
+            state, cells, shift=shift, gain=fit.change.gain, offset=fit.change.offset,
+            noise_floor=fit.floor)
+
+    def _updated(
+        self, state: ConditionerState, values: np.ndarray, fit: FrameFit,
+    ) -> tuple[ConditionerState, np.ndarray]:
+        """Return the state with level and noise after a frame, and the deviations of pixels."""
         limits = Limits(
             self.background_frames, self.noise_frames, self.warm_up_frames, _LEVEL_LIMIT,
             self.limit, fit.floor**2, self.jitter_px)
         before, corner = to_image(state)
         younger = 1.0 + 1.0 / min(state.frames, self.background_frames)
-        noise = math.sqrt(max(float(np.median(state.local)), fit.floor**2) * younger)
+        noise = math.sqrt(max(float(np.median(some(state.local))), fit.floor**2) * younger)
         change = with_stripes(fit.change, values, before, noise, steps.stripe_sums)
         change, activity = with_noise(state, fit, change)
         after, deviations = steps.update(values, before, state.local, corner, change, limits)
+        if state.codec > CODED:
+            after = settled(after, values, state.copies)
         planes = from_image(state, before, after, change)
         local = surroundings(*steps.block_sums(planes, state.local), state.local)
+        return replace(
+            state, planes=planes, local=local, previous=values, activity=activity,
+            frames=state.frames + 1, rejected=0), deviations
+
+    def _filtered(
+        self, state: ConditionerState, deviations: np.ndarray,
+    ) -> tuple[ConditionerState, np.ndarray]:
+        """Return the cells of the matched filter, without transients and what is wide."""
         rows, cols = (
             taps(size, count, self.binning, self.psf_px, place)
             for size, count, place in zip(state.shape, state.trace.shape, state.position))
-        cells = steps.flattened(
-            steps.filtered(deviations, rows, cols), self.smoothing_reach // self.binning)
-        state = replace(
-            state, planes=planes, local=local, previous=values, frames=state.frames + 1,
-            rejected=0, activity=activity)
-        state, cells = self._whitened(state, cells)
-        return state, self._output(
-            state, cells, shift=shift, gain=fit.change.gain, offset=fit.change.offset,
-            noise_floor=fit.floor)
-
-    def _whitened(
-        self, state: ConditionerState, flat: np.ndarray,
-    ) -> tuple[ConditionerState, np.ndarray]:
-        """Divide cells by their noise, and estimate it anew."""
-        unit = self.persistence**2 * state.trace_variance + 1.0
-        cells, trace, total, count = steps.cell_noise(
-            flat, state.trace, self.persistence, unit, state.cell_variance)
-        if not count.any():
-            return state, cells
-        frames = state.cell_frames + 1
-        share = np.float32(1.0 / min(frames, self.noise_frames))
-        now = surroundings(total, count, state.cell_variance)
-        variance = np.maximum(
-            state.cell_variance + share * (now - state.cell_variance),
-            np.float32(_LEAST_CELL_VARIANCE))
-        return replace(
-            state, trace=trace, trace_variance=unit, cell_variance=variance, cell_frames=frames,
-        ), cells
-
-    def _zeros(self, state: ConditionerState) -> np.ndarray:
-        return np.zeros(state.trace.shape, dtype=np.float32)
+        cells = steps.filtered(deviations, rows, cols)
+        steady = steps.transients_limited(cells, state.before, _TRANSIENT_REACH // self.binning)
+        return replace(state, before=cells), steps.flattened(
+            steady, self.smoothing_reach // self.binning)
 
     def _output(self, state: ConditionerState, cells: np.ndarray, **facts: Any) -> Conditioned:
         row, col = (

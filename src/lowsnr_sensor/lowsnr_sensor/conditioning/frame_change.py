@@ -31,9 +31,6 @@ _STRIPE_LIMIT = 4.0
 _STRIPE_ROUNDS = 4
 # Noise of a frame, over that of the frames before, at which it is taken to be different.
 _LOUDER, _QUIETER, _KNOWN = 1.5, 0.5, 0.6
-# A codec leaves pixels as they were, neighbours together: share of such, and the factor by which
-# changes of neighbours are more frequent together than they were if independent.
-_CODEC_STILL, _CODEC_TOGETHER = 0.5, 2.5
 
 
 def sample_step(shape: tuple[int, int]) -> int:
@@ -158,20 +155,3 @@ def _shrunk(means: np.ndarray, count: int, spread: float) -> np.ndarray:
     found = min(len(means), count) >= 4 and excess > _STRIPES
     offsets: np.ndarray = means * np.float32(1.0 - 1.0 / excess if found else 0.0)
     return offsets
-
-
-def is_codec(frame: np.ndarray, before: np.ndarray, step: int) -> bool:
-    """
-    Return whether two frames look like compressed video.
-
-    Pixels stand still there, and those that change do so together with their neighbours; where
-    noise is below one grey step, pixels stand still too, but change independently.
-
-    """
-    left, right = (
-        frame[::step, start:frame.shape[1] - 1 + start:step]
-        != before[::step, start:frame.shape[1] - 1 + start:step] for start in (0, 1))
-    changed = (left.mean() + right.mean()) / 2.0
-    if not 0.0 < changed < 1.0 - _CODEC_STILL:
-        return bool(changed == 0.0)
-    return bool((left & right).mean() > _CODEC_TOGETHER * changed**2)

@@ -8,10 +8,13 @@ import math
 from typing import Protocol
 
 from lowsnr_sensor.conditioning import frame_change
+from lowsnr_sensor.conditioning.codec import CODED
+from lowsnr_sensor.conditioning.codec import looks_coded
 from lowsnr_sensor.conditioning.pixels import BLOCK
 from lowsnr_sensor.conditioning.pixels import Change
 from lowsnr_sensor.conditioning.pixels import own_variance
 from lowsnr_sensor.conditioning.pixels import Planes
+from lowsnr_sensor.conditioning.pixels import some
 from lowsnr_sensor.conditioning.pixels import UNOBSERVED
 from lowsnr_sensor.conditioning.registration import Fit
 from lowsnr_sensor.conditioning.registration import fit_level
@@ -19,6 +22,7 @@ from lowsnr_sensor.conditioning.registration import is_better
 from lowsnr_sensor.conditioning.registration import phase_correlation
 from lowsnr_sensor.conditioning.registration import refine
 from lowsnr_sensor.conditioning.registration import Sample
+from lowsnr_sensor.conditioning.registration import spectrum
 from lowsnr_sensor.conditioning.state import ConditionerState
 import numpy as np
 
@@ -64,7 +68,8 @@ class FrameFit:
     ``position`` is the place of the image in the planes, ``change`` what changed as a whole,
     ``floor`` the least noise of a pixel; ``local`` is a first estimate of the variance of the
     surroundings; ``codec`` and ``moved`` go into the state; with ``cut`` it is another scene.
-    ``ratio`` is what is left in units of the expected noise ``spread``, at every few pixels.
+    ``ratio`` is what is left in units of the expected noise ``spread``, at every few pixels;
+    ``spectrum`` that of the frame, if it was needed.
     """
 
     position: tuple[float, float]
@@ -76,28 +81,29 @@ class FrameFit:
     cut: bool
     ratio: np.ndarray
     spread: np.ndarray
+    spectrum: np.ndarray | None
 
 
 def without_content(state: ConditionerState, frame: np.ndarray, values: np.ndarray) -> str:
     """Return why a frame cannot be used: ``blank``, ``saturated`` or ``flat``; or nothing."""
     step = frame_change.sample_step(state.shape)
-    some = frame[::step, ::step]
+    raw = frame[::step, ::step]
     sample = values[::step, ::step]
     known = abs(sample) < UNOBSERVED
     if known.mean() < 0.5:
         return 'blank'
-    if np.issubdtype(frame.dtype, np.integer) and np.mean(some == np.iinfo(frame.dtype).max) > 0.5:
+    if np.issubdtype(frame.dtype, np.integer) and np.mean(raw == np.iinfo(frame.dtype).max) > 0.5:
         return 'saturated'
     if state.planes is None or state.frames < _YOUNG:
         return ''
     usual = np.hypot(_spread(state.planes.level[::step, ::step]),
-                     3.3 * math.sqrt(float(np.median(state.local))))
+                     3.3 * math.sqrt(float(np.median(some(state.local)))))
     least = 3.0 * np.issubdtype(frame.dtype, np.integer)
     return 'flat' if usual > least and _spread(sample[known]) < _FLAT * usual else ''
 
 
 def _spread(values: np.ndarray) -> float:
-    low, high = np.percentile(values, (5.0, 95.0))
+    low, high = np.percentile(some(values), (5.0, 95.0))
     return float(high - low)
 
 
@@ -107,19 +113,17 @@ def fit_frame(
     """Return the best description of a frame by the background of the state."""
     assert state.planes is not None
     sample, still, local, floor = _first_look(settings, state, values, integer)
-    square = frame_change.mean_square(still.residual / sample.deviation(still.position))
-    unusual = square > _UNUSUAL * state.activity + 0.02 or state.frames < _YOUNG
-    best = still
+    unusual, best, known = _is_unusual(state, sample, still), still, None
     if settings.registration and (unusual or state.moved < _STILL_AFTER):
-        best = _registered(state, values, sample, still)
-    if unusual:
+        known = spectrum(values)
+        best = _registered(state, known, sample, still)
+    if unusual and _is_unusual(state, sample, best):
         best = _scaled(sample, state.planes, best)
-    moved = best.position != state.position
-    codec = state.codec
+    codec, moved = state.codec, state.moved + 1 if best.position == state.position else 0
     if integer:
-        codec += (_looks_coded(state, values, best, sample.step) - codec) / min(
+        codec += (looks_coded(state, values, best.position, sample.step) - codec) / min(
             state.frames, _SLOW)
-        floor = max(settings.codec_floor if codec > 0.5 else settings.noise_floor, floor)
+        floor = max(settings.codec_floor if codec > CODED else settings.noise_floor, floor)
     if state.frames == 1:
         sample, local = _with_first_noise(state, sample, best.residual, floor)
     spread = np.hypot(sample.deviation(best.position), _own_noise(state, sample))
@@ -131,7 +135,13 @@ def fit_frame(
         state, sample, frame_change.mean_square(best.residual / spread))
     return FrameFit(
         best.position, Change(best.gain, best.offset, wide=wide), floor, local, codec,
-        0 if moved else state.moved + 1, cut, rest / spread, spread)
+        moved, cut, rest / spread, spread, known)
+
+
+def _is_unusual(state: ConditionerState, sample: Sample, fit: Fit) -> bool:
+    """Return whether more is left of a frame than usual, or too little is known of the scene."""
+    square = frame_change.mean_square(fit.residual / sample.deviation(fit.position))
+    return square > _UNUSUAL * state.activity + 0.02 or state.frames < _YOUNG
 
 
 def with_noise(state: ConditionerState, fit: FrameFit, change: Change) -> tuple[Change, float]:
@@ -152,17 +162,17 @@ def _first_look(
     """Return a sample of the frame, its fit where it was, first noise, and least noise."""
     assert state.planes is not None
     step = frame_change.sample_step(state.shape)
-    some = values[::step, ::step]
-    some = np.where(abs(some) < UNOBSERVED, some, np.float32(np.nan))
-    floor = _ROUNDING * float(np.nanmedian(abs(some))) + 1e-12
+    seen = values[::step, ::step]
+    seen = np.where(abs(seen) < UNOBSERVED, seen, np.float32(np.nan))
+    floor = _ROUNDING * float(np.nanmedian(abs(seen))) + 1e-12
     if integer:
-        floor = max(settings.codec_floor if state.codec > 0.5 else settings.noise_floor, floor)
+        floor = max(settings.codec_floor if state.codec > CODED else settings.noise_floor, floor)
     count = min(state.frames, _SLOW)
     rows, cols = (
         np.clip((np.arange(size) * step + round(place)) // BLOCK, 0, blocks - 1)
-        for size, place, blocks in zip(some.shape, state.position, state.local.shape))
+        for size, place, blocks in zip(seen.shape, state.position, state.local.shape))
     noise = np.sqrt(np.maximum(state.local[np.ix_(rows, cols)], floor**2))
-    sample = Sample(some, step, noise.astype(np.float32), count)
+    sample = Sample(seen, step, noise.astype(np.float32), count)
     still = fit_level(sample, state.planes, state.position)
     local = state.local
     if state.frames == 1:
@@ -180,18 +190,6 @@ def _own_noise(state: ConditionerState, sample: Sample) -> np.ndarray:
     return np.sqrt(np.maximum(own - sample.noise**2, 0.0))  # type: ignore[no-any-return]
 
 
-def _looks_coded(state: ConditionerState, values: np.ndarray, fit: Fit, step: int) -> bool:
-    """Return whether frame and the one before, where they overlap, look like compressed video."""
-    down, right = (
-        round(place - before) for place, before in zip(fit.position, state.position))
-    rows, cols = values.shape
-    if abs(down) > rows // 2 or abs(right) > cols // 2:
-        return state.codec > 0.5
-    now = values[max(-down, 0):rows - max(down, 0), max(-right, 0):cols - max(right, 0)]
-    past = state.previous[max(down, 0):rows + min(down, 0), max(right, 0):cols + min(right, 0)]
-    return frame_change.is_codec(now, past, step)
-
-
 def _with_first_noise(
     state: ConditionerState, sample: Sample, residual: np.ndarray, floor: float,
 ) -> tuple[Sample, np.ndarray]:
@@ -202,12 +200,13 @@ def _with_first_noise(
 
 
 def _registered(
-    state: ConditionerState, values: np.ndarray, sample: Sample, still: Fit,
+    state: ConditionerState, now: np.ndarray, sample: Sample, still: Fit,
 ) -> Fit:
-    """Return the fit at another position if it is better by far."""
+    """Return the fit at another position if it is better by far; ``now`` is the spectrum."""
     assert state.planes is not None
     planes = state.planes
-    down, right, response = phase_correlation(values, state.previous)
+    past = spectrum(state.previous) if state.spectrum is None else state.spectrum
+    down, right, response = phase_correlation(now, past, state.shape)
     there = (state.position[0] + down, state.position[1] + right)
     starts = [still]
     if response > _RESPONSE or max(abs(down), abs(right)) <= _NEAR_PX:
@@ -234,7 +233,7 @@ def _is_cut(sample: Sample, fit: Fit, square: float) -> bool:
         return False
     values = sample.values[known]
     level = (values - fit.residual[known] - fit.offset) / fit.gain
-    contrast, other = float(level.std()), float(values.std())
+    contrast, other = (float(plane.std(dtype=float)) for plane in (level, values))
     if min(contrast, other) < _CONTRAST * float(np.median(sample.noise)):
         return False
     return bool(np.corrcoef(values, level)[0, 1] < _CUT_CORRELATION)

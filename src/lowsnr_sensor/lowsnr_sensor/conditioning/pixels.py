@@ -24,6 +24,8 @@ NOISE_LIMIT = 2.5
 OPEN_LIMIT = 8.0
 # Share of a pixel's own variance that counts beside its surroundings, and the frames to trust it.
 OWN, OWN_AGE = 0.7, 10.0
+# Values that a median is taken of, about.
+_SOME = 2_048
 # A pixel's variance counts in that of its surroundings up to so many times that.
 BLOCK_LIMIT = 4.0
 
@@ -194,6 +196,11 @@ def surroundings(total: np.ndarray, count: np.ndarray, before: np.ndarray) -> np
     return around
 
 
+def some(values: np.ndarray) -> np.ndarray:
+    """Return about 2,048 of the values, or all of fewer: enough for a median."""
+    return values.ravel()[::max(values.size // _SOME, 1)]
+
+
 def _three(plane: np.ndarray) -> np.ndarray:
     """Return the sums of three successive rows around each."""
     total = plane.copy()
@@ -205,3 +212,19 @@ def _three(plane: np.ndarray) -> np.ndarray:
 def blocks_of(shape: tuple[int, int]) -> tuple[int, int]:
     """Return rows and columns of the blocks that cover a plane."""
     return -(-shape[0] // BLOCK), -(-shape[1] // BLOCK)
+
+
+def moved_by(plane: np.ndarray, by: tuple[int, int], fill: float) -> np.ndarray:
+    """Return ``plane[i + row, j + col]`` for ``by`` = (row, col); ``fill`` beyond its border."""
+    if by == (0, 0):
+        return plane
+    moved = np.empty_like(plane)
+    (rows, its_rows), (cols, its_cols) = (
+        (slice(max(-step, 0), max(size - max(step, 0), 0)),
+         slice(max(step, 0), max(size + min(step, 0), 0)))
+        for step, size in zip(by, plane.shape))
+    moved[rows, cols] = plane[its_rows, its_cols]
+    for border in (np.s_[:rows.start], np.s_[rows.stop:], np.s_[:, :cols.start],
+                   np.s_[:, cols.stop:]):
+        moved[border] = fill
+    return moved

@@ -199,17 +199,27 @@ def _newton_step(
     return float(step[0]), float(step[1]), float(found[-2]) if scales else 0.0
 
 
-def phase_correlation(frame: np.ndarray, before: np.ndarray) -> tuple[float, float, float]:
+def spectrum(frame: np.ndarray) -> np.ndarray:
+    """Return the Fourier transform of a frame (rows, cols), reduced and tapered."""
+    factor = min(max(min(frame.shape) // _LEAST_SIDE, 1), _MOST_REDUCED)
+    transform: np.ndarray = scipy.fft.rfft2(_reduced(frame, factor))
+    return transform
+
+
+def phase_correlation(
+    now: np.ndarray, past: np.ndarray, shape: tuple[int, int],
+) -> tuple[float, float, float]:
     """
-    Return the motion of the camera from ``before`` to ``frame``, in pixels, and the response.
+    Return the motion of the camera between frames of a shape, in pixels, and the response.
+
+    ``now`` and ``past`` are the spectra of the frame and of the one before.
 
     Row and column are those of the image in the scene: content that moves left and up in the
     image gives positive ones.  The response is the height of the peak over that of equal frames.
 
     """
-    factor = min(max(min(frame.shape) // _LEAST_SIDE, 1), _MOST_REDUCED)
-    now, past = (scipy.fft.rfft2(_reduced(plane, factor)) for plane in (frame, before))
-    size = tuple(side // factor for side in frame.shape)
+    factor = shape[0] // len(now)
+    size = (shape[0] // factor, shape[1] // factor)
     cross = past * np.conj(now)
     height = abs(cross)
     cross /= height + height.mean() + 1e-30
@@ -229,8 +239,11 @@ def phase_correlation(frame: np.ndarray, before: np.ndarray) -> tuple[float, flo
 def _reduced(frame: np.ndarray, factor: int) -> np.ndarray:
     """Return means over squares of a frame, without their mean, with a tapered border."""
     rows, cols = (side // factor for side in frame.shape)
-    cut = frame[:rows * factor, :cols * factor].reshape(rows, factor, cols, factor)
-    small = cut.mean(axis=(1, 3), dtype=np.float32)
+    tall, small = (np.zeros((rows, width), np.float32) for width in (frame.shape[1], cols))
+    for start in range(factor):
+        tall += frame[start:rows * factor:factor]
+    for start in range(factor):
+        small += tall[:, start:cols * factor:factor] / np.float32(factor**2)
     small = np.nan_to_num(small - np.nanmean(small), posinf=0.0, neginf=0.0)
     tapers = [np.sqrt(np.hanning(side + 2)[1:-1]).astype(np.float32) for side in (rows, cols)]
     tapered: np.ndarray = small * tapers[0][:, None] * tapers[1]

@@ -8,6 +8,7 @@ from lowsnr_sensor.conditioning import scene_kernels
 from lowsnr_sensor.conditioning.frame_fit import FrameFit
 from lowsnr_sensor.conditioning.pixels import BLOCK
 from lowsnr_sensor.conditioning.pixels import Change
+from lowsnr_sensor.conditioning.pixels import moved_by
 from lowsnr_sensor.conditioning.pixels import Planes
 from lowsnr_sensor.conditioning.registration import cubic
 from lowsnr_sensor.conditioning.registration import whole_and_fraction
@@ -33,6 +34,7 @@ def follow(
     """
     state = replace(
         state, position=fit.position, codec=fit.codec, moved=fit.moved,
+        spectrum=fit.spectrum,
         local=fit.local if not state.local.any() else state.local)
     if max(abs(place) for place in fit.position) <= slack:
         return state, (0, 0)
@@ -45,20 +47,11 @@ def follow(
         state,
         planes=Planes(*(moved_by(plane, pixels, 0.0) for plane in state.planes)),
         local=blocks_moved_by(state.local, (binning * blocks[0], binning * blocks[1])),
+        before=moved_by(state.before, (down, right), 0.0),
         trace=moved_by(state.trace, (down, right), 0.0),
         cell_variance=blocks_moved_by(state.cell_variance, (blocks[0], blocks[1])),
         position=(fit.position[0] - pixels[0], fit.position[1] - pixels[1]),
         origin=(state.origin[0] + down, state.origin[1] + right)), (down, right)
-
-
-def moved_by(plane: np.ndarray, by: tuple[int, int], fill: float) -> np.ndarray:
-    """Return ``plane[i + row, j + col]`` for ``by`` = (row, col); ``fill`` beyond its border."""
-    moved = np.full_like(plane, fill)
-    parts = [(np.s_[max(-step, 0):max(size - max(step, 0), 0)],
-              np.s_[max(step, 0):max(size + min(step, 0), 0)])
-             for step, size in zip(by, plane.shape)]
-    moved[parts[0][0], parts[1][0]] = plane[parts[0][1], parts[1][1]]
-    return moved
 
 
 def blocks_moved_by(blocks: np.ndarray, by: tuple[int, int]) -> np.ndarray:
@@ -114,14 +107,11 @@ def from_image(
         return after
     out = Planes(*(np.empty_like(plane) for plane in after))
     scalars = (np.float32(change.gain), np.float32(change.offset))
-    step = np.where(
-        before.age > 0.0, after.level - (scalars[0] * before.level + scalars[1]),
-        np.float32(0.0))
     row, col = _nearest(state)
     (top, down), (left, right) = (whole_and_fraction(-place) for place in state.position)
     scene_kernels.to_scene(
-        tuple(state.planes), step, tuple(after), scalars, (-row, -col), (top, left),
-        (np.float32(down), np.float32(right)), tuple(out))
+        tuple(state.planes), (before.level, before.age), tuple(after), scalars, (-row, -col),
+        (top, left), (np.float32(down), np.float32(right)), tuple(out))
     return out
 
 

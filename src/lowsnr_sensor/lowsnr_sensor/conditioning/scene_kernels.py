@@ -76,7 +76,7 @@ def sample(
 
 @compiled
 def to_scene(
-    old: tuple[np.ndarray, np.ndarray, np.ndarray], step: np.ndarray,
+    old: tuple[np.ndarray, np.ndarray, np.ndarray], before: tuple[np.ndarray, np.ndarray],
     seen: tuple[np.ndarray, np.ndarray, np.ndarray], scalars: tuple[float, float],
     nearest: tuple[int, int], corner: tuple[int, int], parts: tuple[float, float],
     out: tuple[np.ndarray, np.ndarray, np.ndarray],
@@ -84,28 +84,81 @@ def to_scene(
     """
     Write level, variance and age of the scene after those ``seen`` in the image changed.
 
-    The level changes by ``step``, interpolated linearly; a pixel that is new takes that of the
-    image.  Pixel (0, 0) of the scene is ``corner`` and ``parts`` of a pixel in the image; variance
-    and age are those of the ``nearest`` pixel.
+    The level changes as that of the image did from ``before`` (level and age), interpolated
+    linearly; a pixel that is new takes that of the image.  Pixel (0, 0) of the scene is ``corner``
+    and ``parts`` of a pixel in the image; variance and age are those of the ``nearest`` pixel.
     """
     rows, cols = old[0].shape
     gain, offset = scalars
-    down, right = parts
+    step, fresh = np.empty(cols, dtype=np.float32), np.empty(cols, dtype=np.float32)
+    wide_step = np.empty(cols + 1, dtype=np.float32)
+    wide_fresh = np.empty(cols + 1, dtype=np.float32)
+    first, last = max(-nearest[1], 0), min(cols, cols - nearest[1])
     for row in range(rows):
         near = row + nearest[0]
-        top = min(max(row + corner[0], 0), rows - 1)
-        low = min(max(row + corner[0] + 1, 0), rows - 1)
         for col in range(cols):
-            level, years = gain * old[0][row, col] + offset, old[2][row, col]
-            other = col + nearest[1]
-            inside = 0 <= near < rows and 0 <= other < cols
-            left = min(max(col + corner[1], 0), cols - 1)
-            side = min(max(col + corner[1] + 1, 0), cols - 1)
-            source = step if years > _ZERO else seen[0]
-            high = (_ONE - right) * source[top, left] + right * source[top, side]
-            wide = (_ONE - right) * source[low, left] + right * source[low, side]
-            change = (_ONE - down) * high + down * wide
-            fresh = level + change if years > _ZERO else change
-            out[0][row, col] = fresh if inside else level
-            out[1][row, col] = seen[1][near, other] if inside else old[1][row, col]
-            out[2][row, col] = seen[2][near, other] if inside else years
+            out[0][row, col] = gain * old[0][row, col] + offset
+            out[1][row, col] = old[1][row, col]
+            out[2][row, col] = old[2][row, col]
+        if near < 0 or near >= rows or first >= last:
+            continue
+        for col in range(cols):
+            step[col] = fresh[col] = _ZERO
+        for side in range(2):
+            source = min(max(row + corner[0] + side, 0), rows - 1)
+            weight = parts[0] if side else _ONE - parts[0]
+            _add_step(
+                before[0][source], before[1][source], seen[0][source], scalars, weight, step,
+                fresh)
+        _slide(step, corner[1], wide_step)
+        _slide(fresh, corner[1], wide_fresh)
+        _join(
+            wide_step[first:], wide_fresh[first:], parts[1], old[2][row, first:last],
+            out[0][row, first:last])
+        start = first + nearest[1]
+        _copy(seen[1][near, start:], out[1][row, first:last])
+        _copy(seen[2][near, start:], out[2][row, first:last])
+
+
+@compiled
+def _join(
+    step: np.ndarray, fresh: np.ndarray, part: float, age: np.ndarray, level: np.ndarray,
+) -> None:
+    """Add the interpolated change to known levels; unknown ones become that of the image."""
+    for col in range(len(level)):
+        more = (_ONE - part) * step[col] + part * step[col + 1]
+        image = (_ONE - part) * fresh[col] + part * fresh[col + 1]
+        level[col] = level[col] + more if age[col] > _ZERO else image
+
+
+@compiled
+def _copy(values: np.ndarray, out: np.ndarray) -> None:
+    """Write the first values."""
+    for col in range(len(out)):
+        out[col] = values[col]
+
+
+@compiled
+def _add_step(
+    before: np.ndarray, age: np.ndarray, after: np.ndarray, scalars: tuple[float, float],
+    weight: float, step: np.ndarray, fresh: np.ndarray,
+) -> None:
+    """Add the weighted change of the known levels of a row, and the weighted levels."""
+    gain, offset = scalars
+    for col in range(len(step)):
+        change = after[col] - (gain * before[col] + offset)
+        step[col] += weight * change if age[col] > _ZERO else _ZERO
+        fresh[col] += weight * after[col]
+
+
+@compiled
+def _slide(values: np.ndarray, by: int, out: np.ndarray) -> None:
+    """Write the values from ``by`` on; the first and the last go on beyond them."""
+    size, count = len(values), len(out)
+    low, high = min(max(-by, 0), count), max(min(size - by, count), 0)
+    for place in range(low):
+        out[place] = values[0]
+    if low < high:
+        _copy(values[low + by:], out[low:high])
+    for place in range(max(high, low), count):
+        out[place] = values[size - 1]

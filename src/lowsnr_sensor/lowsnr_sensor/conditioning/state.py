@@ -23,6 +23,8 @@ class ConditionerState:
         Variance of the surroundings; zeros before the second frame.
     previous : (rows, cols) ndarray
         The frame before.
+    spectrum
+        Spectrum of that frame for the registration; None if it was not needed.
     position
         Row and column of the image in the planes [pixels].
     origin
@@ -37,6 +39,10 @@ class ConditionerState:
         Share of recent frames that look like compressed video.
     activity
         Mean square of recent frames in units of the expected noise.
+    copies : (rows, cols) ndarray of uint8
+        How often the codec copied each pixel, frame after frame; zeros without a codec.
+    before : (rows // binning, cols // binning) ndarray
+        Matched-filtered cells of the frame before, without a limit.
     trace : (rows // binning, cols // binning) ndarray
         Fading sum of cells; ``trace_variance`` is its variance for white noise.
     cell_variance : (blocks, blocks) ndarray
@@ -48,8 +54,11 @@ class ConditionerState:
     planes: Planes | None
     local: np.ndarray
     previous: np.ndarray
+    copies: np.ndarray
+    before: np.ndarray
     trace: np.ndarray
     cell_variance: np.ndarray
+    spectrum: np.ndarray | None = None
     position: tuple[float, float] = (0.0, 0.0)
     origin: tuple[int, int] = (0, 0)
     frames: int = 0

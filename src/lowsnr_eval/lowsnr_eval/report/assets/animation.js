@@ -1,35 +1,40 @@
 const scene = JSON.parse(document.getElementById('scene').textContent);
-const get = id => document.getElementById(id), view = get('view'), pen = view.getContext('2d');
-const bytes = Uint8Array.from(atob(scene.pixels), c => c.charCodeAt(0));
+const get = id => document.getElementById(id);
+const greys = text => Uint8Array.from(atob(text), c => c.charCodeAt(0));
+const frames = greys(scene.frames), cells = greys(scene.cells);
 const small = document.createElement('canvas');
+if (!cells.length) get('beside').remove();
 let now = 0, timer = null, scale = 1, sized = scene.lines.find(line => line.shape);
 for (const name of scene.chains) get('chain').add(new Option(name, name));
 
-// Draws the frame of a line; a missing frame is white and has the size of the one before it.
-function paint(line) {
-  if (line.shape) sized = line;
-  const [rows, cols] = sized.shape;
+// Clears a view to the size of the frame; a missing frame has that of the one before it.
+function clear(view) {
+  const [rows, cols] = sized.shape, pen = view.getContext('2d');
   const zoom = Math.max(1, Math.round(700 / Math.max(rows, cols)));
   scale = zoom / sized.step;
   view.width = cols * zoom;
   view.height = rows * zoom;
   pen.fillStyle = 'white';
   pen.fillRect(0, 0, view.width, view.height);
-  if (line.place < 0) return;
+  return pen;
+}
+
+// Draws greys; the edge of the first lies at a pixel of the frame, and each covers so many.
+function paint(pen, greys, place, [rows, cols], [x, y], side) {
   small.width = cols;
   small.height = rows;
   const image = new ImageData(cols, rows);
   for (let n = 0; n < rows * cols; n++) {
-    const grey = bytes[line.place + n];
+    const grey = greys[place + n];
     image.data.set([grey, grey, grey, 255], 4 * n);
   }
   small.getContext('2d').putImageData(image, 0, 0);
   pen.imageSmoothingEnabled = false;
-  pen.drawImage(small, 0, 0, view.width, view.height);
+  pen.drawImage(small, (x + .5) * scale, (y + .5) * scale, cols * side * scale, rows * side * scale);
 }
 
 // Draws a mark at each point, on a dark edge; tracks get their number.
-function mark(points, colour, draw) {
+function mark(pen, points, colour, draw) {
   const r = Math.max(7, .6 * scale);
   for (const [x, y, id] of points) {
     const path = new Path2D(), [px, py] = [(x + .5) * scale, (y + .5) * scale];
@@ -49,19 +54,35 @@ function mark(points, colour, draw) {
   }
 }
 
-function show(k) {
-  now = Math.min(Math.max(k, 0), scene.lines.length - 1);
-  const line = scene.lines[now], {truth, detection, track} = scene.colours;
-  const answer = line.chains[get('chain').value] || {detections: [], tracks: []};
-  paint(line);
-  mark(line.truth, truth, (path, x, y, r) => path.arc(x, y, 1.5 * r, 0, 7));
-  mark(answer.detections, detection, (path, x, y, r) => path.rect(x - r, y - r, 2 * r, 2 * r));
-  mark(answer.tracks, track, (path, x, y, r) => {
+// Draws the marks of a line.
+function annotate(pen, line, answer) {
+  const {truth, detection, track} = scene.colours;
+  mark(pen, line.truth, truth, (path, x, y, r) => path.arc(x, y, 1.5 * r, 0, 7));
+  mark(pen, answer.detections, detection,
+       (path, x, y, r) => path.rect(x - r, y - r, 2 * r, 2 * r));
+  mark(pen, answer.tracks, track, (path, x, y, r) => {
     path.moveTo(x - r, y - r);
     path.lineTo(x + r, y + r);
     path.moveTo(x + r, y - r);
     path.lineTo(x - r, y + r);
   });
+}
+
+function show(k) {
+  now = Math.min(Math.max(k, 0), scene.lines.length - 1);
+  const line = scene.lines[now];
+  const answer = line.chains[get('chain').value] || {detections: [], tracks: []};
+  if (line.shape) sized = line;
+  let pen = clear(get('view'));
+  if (line.place >= 0) paint(pen, frames, line.place, line.shape, [-.5, -.5], line.step);
+  annotate(pen, line, answer);
+  if (get('cells')) {
+    pen = clear(get('cells'));
+    if (line.cells) {
+      paint(pen, cells, line.cells_place, line.cells.shape, line.cells.corner, line.cells.side);
+    }
+    annotate(pen, line, answer);
+  }
   get('slider').value = now;
   const count = (n, what) => `${n} ${what}${n === 1 ? '' : 's'}`;
   get('number').textContent = `frame ${line.frame}` +

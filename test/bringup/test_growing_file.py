@@ -5,8 +5,8 @@ import errno
 import shutil
 
 from disk import fill
-from lowsnr_eval.scoring import growing_file
-from lowsnr_eval.scoring.growing_file import GrowingFile
+from lowsnr_bringup.run import growing_file
+from lowsnr_bringup.run.growing_file import GrowingFile
 import pytest
 
 

@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from lowsnr_bringup.plan.graph import build
+from lowsnr_bringup.plan.graph import node_of
 from lowsnr_bringup.run import results_folder as files
+from lowsnr_common.core.records import AlarmRate
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.node_settings import NodeSettings
 from lowsnr_common.settings.node_settings import RunSettings
@@ -41,6 +43,19 @@ def earlier_counts(folder: Path) -> dict[str, int]:
         return {}
     sound = all(type(n) is int and 0 <= n < _MOST_FRAMES for n in counts.values() if n is not None)
     return counts if sound else {}
+
+
+def earlier_alarm_rates(folder: Path) -> dict[str, AlarmRate]:
+    """Return the false-alarm rates in an earlier summary that are sound, by node."""
+    try:
+        text = (folder / files.SUMMARY_FILE).read_text(encoding='utf-8')
+        chains = dict(json.loads(text)['detectors'].items())
+        found = {node_of(name): (figures['pfa_asked'], figures['pfa_measured'])
+                 for name, figures in chains.items()}
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
+        return {}
+    return {name: AlarmRate(*shares) for name, shares in found.items() if all(
+        share is None or (type(share) is float and 0.0 <= share <= 1.0) for share in shares)}
 
 
 def earlier_restarts(folder: Path) -> Counter[str]:

@@ -1,0 +1,159 @@
+"""
+A run on a camera of 16 bits: time to the first answer, frames unanswered, frame to track.
+
+The camera is a program of its own beside the graph, with the middleware as ROS sets it up.  A
+track array answers the frame of its stamp, and its time is measured where the camera is.
+"""
+
+import argparse
+from collections.abc import Iterator
+import contextlib
+import os
+from pathlib import Path
+import statistics
+import struct
+import sys
+import tempfile
+import time
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT / 'scripts'), str(ROOT / 'test' / 'support'), str(ROOT / 'benchmarks')]
+
+import _environment  # noqa: E402
+
+DOMAIN = 97
+TOPIC = '/camera/image_raw'
+# Different frames, which are published in turn.
+SCENES = 16
+# Frames that count begin so long after the first answer [s].
+SETTLED_S = 2.0
+NANO = 1_000_000_000
+
+
+def main() -> int:
+    """Measure and print; return the exit code."""
+    parser = argparse.ArgumentParser(
+        description=__doc__.strip().partition('\n')[0], allow_abbrev=False,
+        epilog='example: python benchmarks/camera_stream.py --side 512 --detector sdt')
+    parser.add_argument('--side', type=int, default=1024, help='rows and columns (1024)')
+    parser.add_argument('--rate', type=float, default=30.0, help='frames a second (30)')
+    parser.add_argument('--seconds', type=float, default=60.0, help='length of the run [s] (60)')
+    parser.add_argument('--detector', default='auto', help='the detector (auto)')
+    options = parser.parse_args()
+    _environment.ensure()
+    os.environ |= {'ROS_DOMAIN_ID': str(DOMAIN), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+    with camera(options) as (publish, answered), graph(options) as run:
+        sent = stream(publish, answered, options)
+        if run.process.poll() is not None:
+            sys.exit(run.finish()[2])
+        found = (run.results / 'parameters.yaml').stat().st_mtime
+        cpu = {name: cpu_s(pid) for name, pid in run.processes()}
+    answers = {stamp: at for stamp, at in answered.items() if stamp in sent}
+    first = min(answers.values(), default=float('nan'))
+    counted = [stamp for stamp in sent if stamp / NANO > first + SETTLED_S][:-1]
+    spent = sorted(1e3 * (answers[stamp] - sent[stamp]) for stamp in counted if stamp in answers)
+    print(f'camera found to first answer: {first - found:.2f} s')
+    print(f'unanswered: {len(counted) - len(spent)} of {len(counted)} frames')
+    if len(spent) > 1:
+        print(f'frame to track: {statistics.median(spent):.1f} ms (median), '
+              f'{statistics.quantiles(spent, n=100)[98]:.1f} ms (99 %)')
+    print('processor time [s]: ' + ', '.join(f'{name} {used:.1f}' for name, used in cpu.items()))
+    return 0
+
+
+@contextlib.contextmanager
+def camera(options: Any) -> Iterator[tuple[Any, dict[int, float]]]:
+    """Yield a publisher of the frames, and the times at which tracks of stamps [ns] arrived."""
+    import threading
+
+    import rclpy
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.node import Node
+    from rclpy.qos import QoSProfile
+    from sensor_msgs.msg import Image
+    from vision_msgs.msg import Detection2DArray
+
+    rclpy.init()
+    node, answered = Node('camera'), {}
+
+    def hear(message: Any) -> None:
+        stamp = message.header.stamp
+        answered[stamp.sec * NANO + stamp.nanosec] = time.time()
+
+    node.create_subscription(Detection2DArray, '/tracks', hear, QoSProfile(depth=1000))
+    publisher = node.create_publisher(Image, TOPIC, QoSProfile(depth=30))
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    thread = threading.Thread(target=executor.spin)
+    thread.start()
+    try:
+        yield publisher.publish, answered
+    finally:
+        executor.shutdown()
+        thread.join()
+        node.destroy_node()
+        rclpy.shutdown()
+
+
+@contextlib.contextmanager
+def graph(options: Any) -> Iterator[Any]:
+    """Start the graph on the camera, recorded; end it as Ctrl-C does."""
+    import signal
+
+    from graph_runs import start_bringup
+
+    with tempfile.TemporaryDirectory() as folder, start_bringup(
+            Path(folder) / 'run', '--camera', TOPIC, '--camera-within', '60', '--detector',
+            options.detector, '--snr', '8', '--record', str(Path(folder) / 'bag'),
+            domain_id=DOMAIN) as run:
+        yield run
+        run.process.send_signal(signal.SIGINT)
+        print(run.finish()[1])
+
+
+def stream(publish: Any, answered: dict[int, float], options: Any) -> dict[int, float]:
+    """Publish frames until the graph has answered for so long; return when, by stamp [ns]."""
+    messages = frames(options.side)
+    sent: dict[int, float] = {}
+    start, until = time.time(), time.time() + 60.0 + options.seconds
+    while time.time() < until:
+        time.sleep(max(0.0, start + len(sent) / options.rate - time.time()))
+        now = time.time()
+        data = messages[len(sent) % SCENES]
+        struct.pack_into('<iI', data, 4, *divmod(stamp := int(now * NANO), NANO))
+        sent[stamp] = now
+        publish(bytes(data))
+        if answered:
+            until = min(until, min(answered.values()) + SETTLED_S + options.seconds)
+    return sent
+
+
+def frames(side: int) -> list[bytearray]:
+    """Return serialized frames of structures of 16 pixels and noise of 20 grey steps."""
+    import numpy as np
+    from rclpy.serialization import serialize_message
+    from sensor_msgs.msg import Image
+
+    rng, found = np.random.default_rng(0), []
+    blocks = rng.standard_normal((side // 16 + 1, side // 16 + 1))
+    scene = 1000.0 + 50.0 * np.kron(blocks, np.ones((16, 16)))[:side, :side]
+    for _ in range(SCENES):
+        frame = scene + 20.0 * rng.standard_normal((side, side))
+        found.append(bytearray(serialize_message(Image(
+            height=side, width=side, encoding='mono16', step=2 * side,
+            data=frame.astype('<u2').tobytes()))))
+    return found
+
+
+def cpu_s(pid: int) -> float:
+    """Return the processor time that a process has used [s]."""
+    fields = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+
+
+if __name__ == '__main__':
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit(130)

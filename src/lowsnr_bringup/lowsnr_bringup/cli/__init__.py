@@ -1,0 +1,1 @@
+"""A small ``ros2`` command, for environments that no installed ROS 2 gives one."""

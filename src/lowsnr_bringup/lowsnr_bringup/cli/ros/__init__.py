@@ -1,0 +1,1 @@
+"""The verbs of ``ros2`` that look at a running graph."""

@@ -1,0 +1,1 @@
+"""Where the objects truly are, from tables and boxes that others made."""

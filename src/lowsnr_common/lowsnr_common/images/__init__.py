@@ -1,0 +1,1 @@
+"""Images as cameras send them, without ROS: encodings and compression."""
