@@ -2,12 +2,14 @@
 
 import os
 
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from graph_runs import own_domain
 from lowsnr_bringup.ros.manager import Manager
 from lowsnr_bringup.run.processes import ProcessGroup
 from lowsnr_common.core.line import Line
 from lowsnr_common.core.records import AlarmRate
+from lowsnr_common.ros.bringup_line import DATA_TIME
 from lowsnr_common.ros.run_records import ALARM_RATE
 from lowsnr_common.ros.run_records import ChainCounts
 from lowsnr_common.ros.run_records import FrameScored
@@ -15,6 +17,7 @@ from lowsnr_common.ros.run_records import rate_to_message
 from lowsnr_common.ros.run_records import SCORED
 import pytest
 from rclpy.serialization import serialize_message
+from rosgraph_msgs.msg import Clock
 
 
 @pytest.fixture
@@ -46,10 +49,11 @@ def test_record_that_is_no_scored_frame_is_counted_and_named_once(told, capsys):
     assert (manager.ledger.published, manager.ledger.unseen, manager.ledger.lost) == (1, 0, 0)
 
 
-def test_source_does_not_repeat_a_frame_that_is_scored(told):
+def test_source_continues_after_what_it_told_itself_alone(told):
     manager, tell = told
-    for k in (1, 2, 1):
-        tell(FrameScored(k * 10**9, k, (ChainCounts('cdt', 0, 0),)).to_message())
+    tell(FrameScored(9 * 10**9, 1, (ChainCounts('cdt', 0, 0),)).to_message())  # a stranger's
+    for seconds in (1, 2):
+        tell(Clock(clock=Time(sec=seconds)), DATA_TIME)
     manager.spin(0.1)
     assert manager.newest_ns == 2 * 10**9
 

@@ -25,8 +25,6 @@ from lowsnr_bringup.run.processes import ProcessGroup
 from lowsnr_common.core.line import Line
 from lowsnr_common.core.records import AlarmRate
 from lowsnr_common.core.records import Malformed
-from lowsnr_common.core.timeline import StampOrder
-from lowsnr_common.core.timeline import Timeline
 from lowsnr_common.ros.bringup_line import CHANGE_STATE
 from lowsnr_common.ros.bringup_line import DATA_TIME
 from lowsnr_common.ros.bringup_line import PARAMETERS
@@ -91,7 +89,7 @@ class Manager:
         self._node = self._within.enter_context(bringup_node())
         self.guard = DomainGuard(self._node, (node.path for node in nodes))
         self._restarts = self._node.create_publisher(DiagnosticArray, RESTARTS, reliable(100))
-        self.ledger, self.newest_ns, self._timeline = FrameLedger(), -1, Timeline()
+        self.ledger, self.newest_ns = FrameLedger(), -1
         self.restarted: Counter[str] = Counter()
         self.alarm_rates: dict[str, AlarmRate] = {}  # the newest, by the name of the node
         self.rejected: Counter[str] = Counter()  # unsound records, by reason
@@ -190,8 +188,6 @@ class Manager:
         if not self._has_source:  # of a camera only what the evaluator sees is known
             self.ledger.publish(scored.stamp_ns)
         self.ledger.score(scored.stamp_ns, scored.frame)
-        # A source that died after it had published a frame, without telling, does not repeat it.
-        self.newest_ns = max(self.newest_ns, scored.stamp_ns)
         self.scored = max(self.scored, scored.frame)
         self._detections += sum(chain.detections for chain in scored.chains)
         self._tracks += sum(chain.tracks for chain in scored.chains)
@@ -214,8 +210,7 @@ class Manager:
     def _on_clock(self, message: Clock) -> None:
         stamp = stamp_key(message.clock)
         self.ledger.publish(stamp)
-        if self._timeline.classify(stamp, time.monotonic()) is not StampOrder.LATE:
-            self.newest_ns = stamp
+        self.newest_ns = max(self.newest_ns, stamp)
 
     def _on_parameters(self, event: ParameterEvent) -> None:
         if event.node in self._labels:

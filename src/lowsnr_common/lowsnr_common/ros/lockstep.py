@@ -18,7 +18,7 @@ from lowsnr_common.ros.run_records import SCORED
 # them is lost when it dies.
 _ON_THE_WAY = ('/evaluator', '/conditioner')
 _CHECK_EVERY_S = 0.5
-# A frame is lost where the source sends it before it has discovered the node that was restarted.
+# A frame is lost where it is sent before source and restarted node have discovered each other.
 _AFTER_RESTART_S = 2.0
 
 
@@ -27,7 +27,8 @@ class Lockstep:
     Calls ``go_on`` when the frame that was sent last has been scored.
 
     It gives up a frame when the evaluator or the conditioner was started again in the meantime,
-    and when ``patience_s`` has passed, or two seconds where no frame was scored since a restart.
+    and when ``patience_s`` has passed, or two seconds where no frame was scored since a restart
+    of these or of the source, which may repeat a frame that was scored.
 
     Parameters
     ----------
@@ -45,6 +46,8 @@ class Lockstep:
     ) -> None:
         self._node, self._go_on = node, go_on
         self._usual_s = self._patience_s = patience_s
+        if node.settings.lives:
+            self._expect_loss()
         self._awaited: int | None = None
         self._since_s = 0.0
         depth = reliable(node.settings.queue_depth)
@@ -63,8 +66,11 @@ class Lockstep:
 
     def _on_restart(self, message: DiagnosticArray) -> None:
         if NodeRestarted.from_message(message).node in _ON_THE_WAY:
-            self._patience_s = min(self._usual_s, _AFTER_RESTART_S)
+            self._expect_loss()
             self._next()
+
+    def _expect_loss(self) -> None:
+        self._patience_s = min(self._usual_s, _AFTER_RESTART_S)
 
     def _give_up_late(self) -> None:
         waited_s = time.monotonic() - self._since_s

@@ -1,20 +1,20 @@
 """
 A threshold from the tail of the statistic in the earlier frames of the same sequence.
 
-Real frames are not white noise: the level and the scale of their noise differ from sequence to
-sequence and from region to region, by more than the shape of its tail.  What noise and clutter
-reach is learned, causally, from the local maxima of the statistic in earlier frames:
+Real frames are not white noise: their tails differ from sequence to sequence and from region to
+region.  What noise and clutter reach is learned, causally, from the local maxima of the statistic
+in earlier frames:
 
 1. In each region, level and scale: the 80 % quantile q of the maxima, and the median excess over
    it divided by ln 2 (the mean, for an exponential tail), which single objects hardly move.
-2. The tail of the excesses ``e = (x - q) / scale`` of all regions together has the shape of that
-   in white noise, stretched to the mean that was seen.
+2. The tail of the normalised excesses ``e = (x - q) / scale``, beyond what was seen by averaged
+   Pareto distributions (:mod:`lowsnr_detect.adaptive.pareto_tail`).
 
-All are shrunk towards white noise (:mod:`lowsnr_detect.adaptive.tail_fit`).  Every region has the
-same share of the false alarms.  The maxima below the threshold of the frame itself, which objects
-hardly move, correct level and scale where they have clearly changed.  A maximum that is above the
-threshold waits for the next frame: if one is near it there, it is an object's and left out, unless
-the other maxima around have risen too: that is clutter which is not learned yet.
+By the number of independent maxima, regions are shrunk towards the whole frame, and all towards
+white noise.  Every region has the same share of the false alarms.  A maximum that is above
+the threshold waits for the next frame: if one is near it there, it is an object's and left out,
+unless more than a fifth of the maxima around are above the threshold: that is clutter which is not
+learned yet.
 """
 
 from __future__ import annotations
@@ -22,32 +22,38 @@ from __future__ import annotations
 from dataclasses import dataclass
 from dataclasses import field
 import math
+from typing import Any
 
 from lowsnr_detect.adaptive.local_maxima import local_maxima
+from lowsnr_detect.adaptive.pareto_tail import EDGES
+from lowsnr_detect.adaptive.pareto_tail import exceeded
+from lowsnr_detect.adaptive.pareto_tail import START
 from lowsnr_detect.adaptive.region_maps import at_cells
-from lowsnr_detect.adaptive.region_maps import log_odds
+from lowsnr_detect.adaptive.region_maps import bin_quantile
+from lowsnr_detect.adaptive.region_maps import interpolation
 from lowsnr_detect.adaptive.region_maps import pooled
-from lowsnr_detect.adaptive.tail_fit import BINS
-from lowsnr_detect.adaptive.tail_fit import bins_of
-from lowsnr_detect.adaptive.tail_fit import fitted
-from lowsnr_detect.adaptive.tail_fit import levels
 from lowsnr_detect.adaptive.tail_memory import TailMemory
 from lowsnr_detect.adaptive.tail_memory import Thresholds
-from lowsnr_detect.adaptive.white_tail import LEVEL
-from lowsnr_detect.adaptive.white_tail import WhiteTail
+from lowsnr_detect.adaptive.tail_memory import WhiteTail
 import numpy as np
 
+# The level of a region is this quantile of its maxima.
+LEVEL = 0.8
 # Side of a region [cells], and frames over which the tail is forgotten.
-_REGION, _MEMORY_FRAMES = 24, 25
+_REGION, _MEMORY_FRAMES = 24, 50
 # Frames with maxima before the first answer.
 LEARNING_FRAMES = 4
-# Share of the maxima around, without those above the threshold, that is below the level at least
-# where these are objects; four fifths are expected, and added as so many maxima.
-_LEAST_CALM, _CALM_PRIOR = 0.5, 3.0
+# White noise counts as so many independent maxima above the level of a region, and as so many of
+# the tail of the frame.
+_LEVEL_PRIOR, _TAIL_PRIOR = 10.0, 60.0
+# The frame counts as so many independent maxima of the tail of a region.
+_REGION_PRIOR = 20.0
+# Largest share of the maxima around that are taken for objects.
+_MOST_OBJECTS = 0.2
 # Cells within which an object's maximum stays from a frame to the next.
-_FOLLOWED = 6
-
-Maxima = tuple[np.ndarray, np.ndarray, np.ndarray]
+_FOLLOWED = 4
+# Bins of a region, in steps of arsinh((x - level) / scale) of white noise.
+_LOWEST, _HIGHEST, _BINS = -4.0, 9.0, 160
 
 
 @dataclass(frozen=True)
@@ -81,18 +87,11 @@ class AdaptiveThreshold:
         rows, cols = (max(1, round(size / _REGION)) for size in self.shape)
         object.__setattr__(self, 'grid', (rows, cols))
 
-    @property
-    def start(self) -> float:
-        """Return the threshold in white noise [nat]."""
-        fit = fitted(
-            np.zeros((1, *self.grid, BINS)), 0.0, self.white, math.prod(self.shape), self.prob,
-            self.correlated)
-        return float((fit.level + fit.scale * fit.excess).max())
-
     def init(self, planes: int = 1) -> TailMemory:
         """Return the memory before the first frame."""
         return TailMemory(
-            np.zeros((planes, *self.grid, BINS)), np.zeros(planes), 0.0, 0.0, 0,
+            np.zeros((planes, *self.grid, _BINS)),
+            np.zeros((planes, *self.grid, len(EDGES) - 1)), np.zeros(planes), 0.0, 0.0, 0,
             np.zeros((planes, *self.shape), dtype=bool))
 
     def measured(self, memory: TailMemory) -> np.ndarray:
@@ -101,11 +100,14 @@ class AdaptiveThreshold:
 
     def thresholds(self, memory: TailMemory) -> Thresholds:
         """Return the thresholds for the next frame."""
-        fit = fitted(
-            memory.maxima, memory.weight, self.white, math.prod(self.shape), self.prob,
-            self.correlated)
-        return Thresholds(*(each.astype(np.float32) for each in (
-            fit.level + fit.scale * fit.excess, fit.scale / fit.slope, fit.level, fit.scale)))
+        level, excess, scale, slope = (
+            each.astype(np.float32) for each in self._regions(memory))
+        down, across = self._interpolations
+        # One product of matrices a plane: NumPy multiplies stacks of them without BLAS.
+        threshold, scales = (
+            np.stack([down @ each @ across.T for each in maps])
+            for maps in (level + scale * excess, scale / slope))
+        return Thresholds(threshold, scales, excess, slope)
 
     def step(
         self, memory: TailMemory, planes: np.ndarray, limits: Thresholds,
@@ -131,80 +133,113 @@ class AdaptiveThreshold:
             without a local maximum and in the first ones, from which nothing is known yet.
 
         """
+        odds = planes - limits.threshold
+        odds /= limits.scale
         found = [local_maxima(np.ascontiguousarray(plane), max(self.reach, 1)) for plane in planes]
         if not any(value.size for _, _, value in found):
             return memory, np.full_like(planes, -np.inf)
-        limits = self._adjusted(limits, found)
         answers = memory.frames >= LEARNING_FRAMES
-        memory = self._learned(memory, found, limits, answers)
-        if not answers:
-            return memory, np.full_like(planes, -np.inf)
-        return memory, np.stack([log_odds(*each) for each in zip(
-            planes, limits.threshold, limits.scale, strict=True)])
+        memory = self._learned(memory, found, odds, limits, answers)
+        return memory, odds if answers else np.full_like(planes, -np.inf)
 
-    def _adjusted(self, limits: Thresholds, found: list[Maxima]) -> Thresholds:
-        """Return the thresholds for a frame whose maxima as a whole are higher than before."""
-        white, counts = self.white, np.zeros((len(found), *self.grid, BINS))
-        for n, maxima in enumerate(found):
-            above, calm = self._crossings(limits, n, maxima)
-            row, col, value = (each[~(above & calm)] for each in maxima)
-            level, scale = (
-                at_cells(each[n], row, col, self.shape) for each in (limits.level, limits.tail))
-            excess = (value - level) / scale
-            np.add.at(counts[n], (*self._region(row, col), bins_of(
-                white.level + white.scale * excess, white)), 1.0)
-        level, scale, _ = levels(counts, white, 1)
-        level, scale = np.maximum(level, white.level), np.maximum(scale, white.scale)
-        if np.all(level == white.level) and np.all(scale == white.scale):
-            return limits
-        by = limits.tail * (level - white.level) / white.scale
-        scale = scale / white.scale
-        return Thresholds(*(each.astype(np.float32) for each in (
-            limits.level + by + scale * (limits.threshold - limits.level), limits.scale * scale,
-            limits.level + by, limits.tail * scale)))
+    @property
+    def _interpolations(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the weights from regions to rows and to columns."""
+        (rows, cols), (down, across) = self.shape, self.grid
+        return interpolation(rows, down), interpolation(cols, across)
 
     def _learned(
-        self, memory: TailMemory, found: list[Maxima], limits: Thresholds, answers: bool,
+        self, memory: TailMemory, found: list[tuple[np.ndarray, np.ndarray, np.ndarray]],
+        odds: np.ndarray, limits: Thresholds, answers: bool,
     ) -> TailMemory:
         """Return the memory with the maxima of a frame, those of objects left out."""
         kept = 1.0 - 1.0 / _MEMORY_FRAMES
-        maxima, alarms = kept * memory.maxima, kept * memory.alarms
-        crossed, held = np.zeros_like(memory.crossed), []
+        maxima, excesses = kept * memory.maxima, kept * memory.excesses
+        alarms, crossed = kept * memory.alarms, np.zeros_like(memory.crossed)
+        held = []
         for n, (row, col, value) in enumerate(found):
-            above, calm = self._crossings(limits, n, found[n])
-            seen = np.stack([row, col, value])
+            above = odds[n, row, col] > 0.0
+            seen = np.stack([row, col, value, self._excess(limits, odds, (n, row, col))])
             for i, j in zip(row[above], col[above]):
                 crossed[n, max(i - _FOLLOWED, 0):i + _FOLLOWED + 1,
                         max(j - _FOLLOWED, 0):j + _FOLLOWED + 1] = True
-            waits, beside = above & calm, crossed[n, row, col] & calm
+            few = self._few(self._region(row, col), above)
+            waits, beside = above & few, crossed[n, row, col] & few
             before = memory.held[n] if memory.held else seen[:, :0]
             alone = ~crossed[n, before[0].astype(np.intp), before[1].astype(np.intp)]
-            for noise in (seen[:, ~beside], before[:, alone]):
-                region = self._region(*noise[:2].astype(np.intp))
-                np.add.at(maxima[n], (*region, bins_of(noise[2], self.white)), 1.0)
+            self._count(
+                np.concatenate([seen[:, ~beside], before[:, alone]], axis=1),
+                maxima[n], excesses[n])
             alarms[n] += answers and bool(np.any(above & ~memory.crossed[n, row, col]))
             held.append(seen[:, waits])
         return TailMemory(
-            maxima, alarms, kept * memory.weight + 1.0, kept * memory.answered + answers,
-            memory.frames + 1, crossed, tuple(held))
+            maxima, excesses, alarms, kept * memory.weight + 1.0,
+            kept * memory.answered + answers, memory.frames + 1, crossed, tuple(held))
+
+    def _excess(
+        self, limits: Thresholds, odds: np.ndarray, cells: tuple[Any, ...],
+    ) -> np.ndarray:
+        """Return the normalised excess of cells, with the limits of the regions around."""
+        n, row, col = cells
+        limit, slope = (
+            at_cells(each[n], row, col, self.shape) for each in (limits.excess, limits.slope))
+        return np.asarray(limit + odds[n, row, col] / slope)
 
     def _region(self, row: np.ndarray, col: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the region of each cell."""
         return (row * self.grid[0] // self.shape[0], col * self.grid[1] // self.shape[1])
 
-    def _crossings(
-        self, limits: Thresholds, n: int, maxima: Maxima,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return which maxima are above the threshold, and where the others are as before."""
-        row, col, value = maxima
-        region, counts = self._region(row, col), np.zeros((3, *self.grid))
-        threshold, level = (
-            at_cells(each[n], row, col, self.shape) for each in (limits.threshold, limits.level))
-        above = value > threshold
-        np.add.at(counts[0], region, value < level)
-        np.add.at(counts[1], region, ~above)
-        np.add.at(counts[2], region, above)
-        low, every, high = pooled(counts[..., None])[..., 0]
-        calm = low + LEVEL * _CALM_PRIOR >= _LEAST_CALM * (every + _CALM_PRIOR)
-        calm &= high <= low + _CALM_PRIOR
-        return above, np.asarray(calm[region])
+    def _count(self, noise: np.ndarray, maxima: np.ndarray, excesses: np.ndarray) -> None:
+        """Count maxima (row, column, value, excess) in the bins of their regions."""
+        region, value, excess = self._region(*noise[:2].astype(np.intp)), noise[2], noise[3]
+        np.add.at(maxima, (*region, self._bin(value)), 1.0)
+        tail = excess > START
+        part = np.searchsorted(EDGES, excess[tail]) - 1
+        np.add.at(excesses, (region[0][tail], region[1][tail], part), 1.0)
+
+    def _few(self, region: tuple[np.ndarray, ...], above: np.ndarray) -> np.ndarray:
+        """Return whether few of the maxima around each are above the threshold."""
+        counts = np.zeros((2, *self.grid))
+        np.add.at(counts[0], region, above)
+        np.add.at(counts[1], region, 1.0)
+        crossing, every = pooled(counts[..., None])[..., 0]
+        return np.asarray((crossing <= _MOST_OBJECTS * every)[region])
+
+    def _bin(self, value: np.ndarray) -> np.ndarray:
+        """Return the bin of values."""
+        step = np.arcsinh((value - self.white.level) / self.white.scale) - _LOWEST
+        return np.asarray(
+            np.clip(step * (_BINS / (_HIGHEST - _LOWEST)), 0, _BINS - 1).astype(np.intp))
+
+    def _levels(self, maxima: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return level and scale of each region and its neighbours, (P, R, C)."""
+        counts, white = pooled(maxima), self.white
+        step = (_HIGHEST - _LOWEST) / _BINS
+        low, high = (
+            white.level + white.scale * np.sinh(_LOWEST + step * bin_quantile(counts, part))
+            for part in (LEVEL, (1.0 + LEVEL) / 2.0))
+        number = counts.sum(axis=-1) * (1.0 - LEVEL) / self.correlated
+        weight = number / (number + _LEVEL_PRIOR)
+        return (
+            weight * low + (1.0 - weight) * white.level,
+            weight * (high - low) / math.log(2.0) + (1.0 - weight) * white.scale)
+
+    def _regions(self, memory: TailMemory) -> tuple[np.ndarray, ...]:
+        """Return level, limit of the excess, scale, and slope at the limit, each (P, R, C)."""
+        white, area = self.white, pooled(np.ones((1, *self.grid, 1)))[..., 0]
+        level, scale = self._levels(memory.maxima)
+        # Maxima, and independent ones of the tail, of the frame and of each region.
+        number = memory.maxima.sum(axis=-1)
+        a_region = white.per_cell * math.prod(self.shape) / math.prod(self.grid)
+        maxima = (pooled(number[..., None])[..., 0] / area + a_region) / (memory.weight + 1.0)
+        prior = np.array(white.excesses) / sum(white.excesses)
+        frame = memory.excesses.sum(axis=(1, 2)) / self.correlated + _TAIL_PRIOR * prior
+        total = number.sum(axis=(1, 2)) / self.correlated + _TAIL_PRIOR / white.share
+        share = (frame.sum(axis=-1) / total)[:, None, None]
+        frame = (frame / frame.sum(axis=-1, keepdims=True))[:, None, None]
+        counts = pooled(memory.excesses) / self.correlated + _REGION_PRIOR * frame
+        within = pooled(number[..., None])[..., 0] / self.correlated + _REGION_PRIOR / share
+        share = counts.sum(axis=-1) / within
+        wanted = -math.log1p(-self.prob) / (math.prod(self.grid) * maxima * share)
+        excess, slope = exceeded(counts, np.minimum(wanted, 0.5))
+        return level, excess, scale, slope

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from lowsnr_common.core.compiled import compiled
+import functools
+
 import numpy as np
 
 
@@ -27,48 +28,28 @@ def bin_quantile(counts: np.ndarray, part: float) -> np.ndarray:
     return np.asarray((number + 1.0 - np.clip(left, 0.0, 1.0))[..., 0])
 
 
-def between_centres(
-    cell: np.ndarray, size: int, regions: int,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the regions whose centres are before and after each cell, and the latter's weight."""
-    place = np.clip((cell + 0.5) * regions / size - 0.5, 0.0, regions - 1.0)
-    before = place.astype(np.intp)
-    return before, np.minimum(before + 1, regions - 1), (place - before).astype(np.float32)
+@functools.lru_cache(maxsize=64)
+def interpolation(size: int, regions: int) -> np.ndarray:
+    """Return the weights (size, regions) that interpolate between the centres of regions."""
+    place = np.clip((np.arange(size) + 0.5) * regions / size - 0.5, 0.0, regions - 1.0)
+    return np.asarray(np.maximum(1.0 - abs(place[:, None] - np.arange(regions)), 0.0), np.float32)
 
 
 def at_cells(
     values: np.ndarray, row: np.ndarray, col: np.ndarray, shape: tuple[int, int],
 ) -> np.ndarray:
     """Return values (R, C) of regions, interpolated at cells (n,) of a frame of a shape."""
-    top, bottom, down = between_centres(row, shape[0], values.shape[0])
-    left, right, across = between_centres(col, shape[1], values.shape[1])
+    top, bottom, down = _between_centres(row, shape[0], values.shape[0])
+    left, right, across = _between_centres(col, shape[1], values.shape[1])
     upper = values[top, left] + across * (values[top, right] - values[top, left])
     lower = values[bottom, left] + across * (values[bottom, right] - values[bottom, left])
     return np.asarray(upper + down * (lower - upper))
 
 
-def log_odds(plane: np.ndarray, threshold: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Return ``(plane - threshold) / scale`` of cells, the latter two interpolated, of regions."""
-    rows, cols = plane.shape
-    down, across = threshold.shape
-    return np.asarray(_log_odds(
-        plane, threshold, scale, *between_centres(np.arange(rows), rows, down),
-        *between_centres(np.arange(cols), cols, across)))
-
-
-@compiled
-def _log_odds(
-    plane: np.ndarray, threshold: np.ndarray, scale: np.ndarray, top: np.ndarray,
-    bottom: np.ndarray, down: np.ndarray, left: np.ndarray, right: np.ndarray, across: np.ndarray,
-) -> np.ndarray:
-    """Return the log odds of every cell."""
-    odds = np.empty(plane.shape, np.float32)
-    for row in range(plane.shape[0]):
-        limits = threshold[top[row]] + down[row] * (threshold[bottom[row]] - threshold[top[row]])
-        scales = scale[top[row]] + down[row] * (scale[bottom[row]] - scale[top[row]])
-        for col in range(plane.shape[1]):
-            first, second, part = left[col], right[col], across[col]
-            limit = limits[first] + part * (limits[second] - limits[first])
-            unit = scales[first] + part * (scales[second] - scales[first])
-            odds[row, col] = (plane[row, col] - limit) / unit
-    return odds
+def _between_centres(
+    cell: np.ndarray, size: int, regions: int,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the regions whose centres are before and after each cell, and the latter's weight."""
+    place = np.clip((cell + 0.5) * regions / size - 0.5, 0.0, regions - 1.0)
+    before = place.astype(np.intp)
+    return before, np.minimum(before + 1, regions - 1), (place - before).astype(np.float32)

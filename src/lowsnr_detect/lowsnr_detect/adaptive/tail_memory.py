@@ -1,4 +1,4 @@
-"""What is known of the tail of a statistic from earlier frames."""
+"""What is known of the tail of a statistic: in white noise, and in earlier frames."""
 
 from __future__ import annotations
 
@@ -11,6 +11,23 @@ import scipy.ndimage
 
 
 @dataclass(frozen=True)
+class WhiteTail:
+    """
+    The local maxima of a statistic in white noise.
+
+    ``level`` and ``scale`` of their tail [nat], maxima ``per_cell``, the ``share`` of them whose
+    excess is beyond ``START``, and how those are distributed, ``excesses``, one a bin of
+    ``EDGES``.
+    """
+
+    level: float
+    scale: float
+    per_cell: float
+    share: float
+    excesses: tuple[float, ...]
+
+
+@dataclass(frozen=True)
 class TailMemory:
     """
     What was seen in earlier frames, of P planes.
@@ -19,6 +36,8 @@ class TailMemory:
     ----------
     maxima : (P, R, C, bins) ndarray
         Faded numbers of maxima in each region, by their value.
+    excesses : (P, R, C, bins) ndarray
+        Faded numbers of excesses in each region, by their value.
     alarms : (P,) ndarray
         Faded numbers of frames with a crossing that is not near an earlier one.
     weight, answered
@@ -27,12 +46,13 @@ class TailMemory:
         Number of frames with maxima.
     crossed : (P, rows, cols) ndarray of bool
         Whether a cell is near a crossing of the frame before.
-    held : tuple of (3, n) ndarray
-        Row, column and value of the crossings that may be of objects, one a plane.
+    held : tuple of (4, n) ndarray
+        Row, column, value and excess of the crossings that may be of objects, one a plane.
 
     """
 
     maxima: np.ndarray
+    excesses: np.ndarray
     alarms: np.ndarray
     weight: float
     answered: float
@@ -44,27 +64,29 @@ class TailMemory:
         """Return the memory for cells whose first one moved ``by`` rows and columns."""
         shape, grid = self.crossed.shape[1:], self.maxima.shape[1:3]
         step = (0.0, *(-n * count / size for n, count, size in zip(by, grid, shape)), 0.0)
-        maxima = scipy.ndimage.shift(self.maxima, step, order=1, mode='nearest')
+        maxima, excesses = (
+            scipy.ndimage.shift(counts, step, order=1, mode='nearest')
+            for counts in (self.maxima, self.excesses))
         held = []
         for each in self.held:
             row, col = places = each[:2] - np.array(by)[:, None]
             inside = (row >= 0) & (row < shape[0]) & (col >= 0) & (col < shape[1])
             held.append(np.concatenate([places, each[2:]])[:, inside])
         return replace(
-            self, maxima=maxima, held=tuple(held),
+            self, maxima=maxima, excesses=excesses, held=tuple(held),
             crossed=shifted(self.crossed, np.negative(by), False))
 
 
 @dataclass(frozen=True)
 class Thresholds:
     """
-    Thresholds of P planes in one frame, by region, each (P, R, C) of float32 [nat].
+    Thresholds of P planes in one frame.
 
-    ``threshold``, the ``scale`` in which the log odds rise by 1, and ``level`` and scale of the
-    ``tail``.
+    ``threshold`` and ``scale`` [nat] are (P, rows, cols); ``excess``, the limit of the normalised
+    excess, and ``slope``, that of the log odds there, are (P, R, C), by region.
     """
 
     threshold: np.ndarray
     scale: np.ndarray
-    level: np.ndarray
-    tail: np.ndarray
+    excess: np.ndarray
+    slope: np.ndarray

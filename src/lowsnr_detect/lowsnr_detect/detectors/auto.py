@@ -1,22 +1,24 @@
 """
-AUTO: a velocity bank for what moves and one for what hardly moves, as one list.
+AUTO: a velocity bank for what moves and a path test for what hardly moves, as one list.
 
-A velocity bank (:mod:`lowsnr_detect.detectors.velocity_bank`) that subtracts what stands in place
-holds the false-alarm rate in clutter, but loses objects below about a tenth of a cell a frame.  A
-second, slow one that subtracts less finds these.  The larger statistic of both decides in every
-cell; with adaptive thresholds each has a tail of its own and half of the false alarms.  Both are
-sums of the frames, which scale with the noise, whatever its level: the ratios that a path test
-adds (CUSUM, SDT) presume it, and have no tail that could be learned where clutter drives them.
+The velocity bank (:mod:`lowsnr_detect.detectors.velocity_bank`) subtracts what stands in place
+and therefore holds the false-alarm rate in clutter, but misses objects below about a tenth of a
+cell a frame.  Page's test along paths (:mod:`lowsnr_detect.detectors.cusum`) finds these.  The
+larger statistic of both decides in every cell; with adaptive thresholds each has a tail of its
+own and half of the false alarms.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from dataclasses import field
 import functools
 from typing import Any
 from typing import ClassVar
 
+from lowsnr_common.core.motion import MotionModes
 from lowsnr_common.settings.declare import setting
+from lowsnr_detect.detectors.cusum import CUSUM
 from lowsnr_detect.detectors.velocity_bank import VelocityBank
 from lowsnr_detect.parts.cell_detector import CellDetector
 from lowsnr_detect.parts.detector import CORRELATED_FRAMES
@@ -27,12 +29,14 @@ import numpy as np
 @register('auto')
 @dataclass(frozen=True, kw_only=True)
 class Auto(CellDetector):
-    """Declare what a velocity bank or a slow one finds."""
+    """Declare what a velocity bank or a path test finds."""
 
+    feedback: ClassVar[bool] = True
     centroid_reach: ClassVar[int] = 2
     # A sum keeps half of its excess for four frames, in which a path departs by twice its speed.
     shadow_reach: ClassVar[int] = 8
 
+    motion: MotionModes = field(default_factory=MotionModes)
     fastest: float = setting(
         1.5, 'speed of the fastest velocity of the bank [cells a frame]', gt=0.0, le=16.0)
     thinning_reach: int = setting(
@@ -43,12 +47,11 @@ class Auto(CellDetector):
 
     @functools.cached_property
     def members(self) -> tuple[CellDetector, ...]:
-        """Return the velocity bank and the slow one, with the settings of this detector."""
+        """Return the velocity bank and the path test, with the settings of this detector."""
         same: dict[str, Any] = {
             'sensor': self.sensor, 'threshold': self.threshold, 'regions': self.regions,
             'thinning_reach': self.thinning_reach, 'max_detections': self.max_detections}
-        return VelocityBank(fastest=self.fastest, **same), VelocityBank(
-            fastest=0.25 * self.fastest, rings=1, standing=0.25, **same)
+        return VelocityBank(fastest=self.fastest, **same), CUSUM(motion=self.motion, **same)
 
     @property
     def frames_per_declaration(self) -> int:

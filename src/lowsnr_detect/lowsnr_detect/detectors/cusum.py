@@ -118,6 +118,11 @@ class CUSUM(CellDetector):
         sums = self._extended(state, frame)
         return sums, sums
 
+    def bounded(self, state: np.ndarray, threshold: np.ndarray) -> np.ndarray:
+        """Return the sums with the cap of Page's test, by the threshold of each cell."""
+        cap = np.maximum(threshold, 0.0) + self.headroom
+        return np.asarray(np.minimum(state, cap), dtype=np.float32)
+
     def _extended(self, state: np.ndarray, frame: np.ndarray) -> np.ndarray:
         """Return what :func:`page_recursion` does, by compiled loops over bands of rows."""
         model = move_model(self.motion, self.sensor, 0)

@@ -61,11 +61,6 @@ class CellDetector:
         """Return the cells on each side that a declaration suppresses, blur included."""
         return self.thinning_reach + self.sensor.blur_reach
 
-    @property
-    def peak_reach(self) -> int:
-        """Return the cells on each side within which a local maximum is the largest."""
-        return max(self.suppressed_reach, 1)
-
     @functools.cached_property
     def position_std_m(self) -> float:
         """Return the standard deviation of a position in its cell, per axis [m]: uniform."""
@@ -79,6 +74,14 @@ class CellDetector:
     def members(self) -> tuple[CellDetector, ...]:
         """Return the detectors whose statistics are combined: itself, for all but ``auto``."""
         return (self,)
+
+    def bounded(self, state: Any, threshold: np.ndarray) -> Any:
+        """
+        Return the memory with what depends on a threshold (..., rows, cols) of each cell [nat].
+
+        An adaptive threshold calls it before each frame; a memory without feedback is unchanged.
+        """
+        return state
 
     def init(self, shape: tuple[int, ...]) -> Any:
         """Return the memory before the first frame of shape (..., rows, cols): none."""
