@@ -1,6 +1,7 @@
 """The rules every module keeps; each rule is also shown to catch what it forbids."""
 
 import ast
+from collections import Counter
 from collections.abc import Callable
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -22,6 +23,7 @@ MAY_IMPORT: dict[str, set[str]] = {
 SEEDED = {'default_rng', 'Generator', 'SeedSequence'}
 MODULE_LINES = 250
 FUNCTION_LINES = 30
+FOLDER_MODULES = 15
 
 
 @dataclass(frozen=True)
@@ -223,3 +225,9 @@ def test_rule_catches(rule, name, source):
 @pytest.mark.parametrize(('rule', 'name', 'source'), GOOD)
 def test_rule_allows(rule, name, source):
     assert not list(rule(Module(name, source)))
+
+
+def test_no_folder_has_more_than_fifteen_modules():
+    modules = [path for path in (ROOT / 'src').rglob('*.py') if path.name != '__init__.py']
+    counts = Counter(path.parent for path in modules)
+    assert not [str(folder) for folder, count in counts.items() if count > FOLDER_MODULES]

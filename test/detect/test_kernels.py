@@ -14,8 +14,8 @@ from lowsnr_detect.detectors.hmm import HMM
 from lowsnr_detect.detectors.pmf import PMF
 from lowsnr_detect.detectors.sdt import SDT
 from lowsnr_detect.detectors.sdt import sequential_test
+from lowsnr_detect.grid.grid_filter import move_and_weigh
 from lowsnr_detect.node.live_detector import warm_up
-from lowsnr_detect.parts.grid_filter import move_and_weigh
 from lowsnr_detect.parts.moves import best_vicinity
 from lowsnr_detect.parts.moves import move_model
 from lowsnr_detect.parts.moves import shifted

@@ -8,9 +8,9 @@ frame between them.
 
 from __future__ import annotations
 
-from lowsnr_detect.parts import grid_kernels
+from lowsnr_detect.grid import grid_kernels
+from lowsnr_detect.grid.grid_kernels import BLOCK
 from lowsnr_detect.parts.bands import in_bands
-from lowsnr_detect.parts.grid_kernels import BLOCK
 from lowsnr_detect.parts.local_estimate import best_cells
 from lowsnr_detect.parts.local_estimate import grid_moments
 from lowsnr_detect.parts.local_estimate import windows
