@@ -66,7 +66,6 @@ def reading(options: argparse.Namespace) -> 'Reading':
 
 def films(options: argparse.Namespace, folder: Path) -> list[str]:
     """Make a bag of what is replayed, where it is none; return what the user should know."""
-    options.truth_bag = None
     given = [option for name, option in _OF_FILMS.items() if getattr(options, name)]
     if options.replay is None:
         if given or options.truth:

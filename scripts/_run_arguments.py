@@ -70,6 +70,7 @@ def add_recorded_frames(parser: argparse.ArgumentParser) -> None:
         help='topic of the truth in the bag, if it has any (default: /ground_truth)')
     add_film(parser)
     add_truth(parser)
+    parser.set_defaults(truth_bag=None)  # what becomes of --truth
     parser.add_argument(
         '--condition', choices=('auto', 'on', 'off'), default='auto',
         help='whether a conditioner subtracts the background and evens out the noise of the '
