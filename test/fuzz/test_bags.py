@@ -134,7 +134,7 @@ def evaluated(folder, results):
     with redirect_stderr(StringIO()) as notes:
         made, _ = evaluate.score(options)
     check_results(made)
-    return notes.getvalue().splitlines()
+    return [line.removeprefix('evaluate.py: ') for line in notes.getvalue().splitlines()]
 
 
 def check_results(folder):
