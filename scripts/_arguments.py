@@ -2,6 +2,9 @@
 
 import argparse
 import math
+import os
+from pathlib import Path
+import stat
 from typing import Any
 from typing import NoReturn
 
@@ -41,3 +44,15 @@ def number(least: float, *, whole: bool = False, above: bool = False) -> Any:
             raise argparse.ArgumentTypeError(f'{text!r} is not {kind} {bound}')
         return value
     return convert
+
+
+def input_path(text: str) -> Path:
+    """Return the path of a file or folder to read; a pipe or a device is not read twice."""
+    try:
+        mode = os.stat(text).st_mode
+    except (OSError, ValueError):
+        return Path(text)  # whoever reads it says why it cannot
+    if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+        raise argparse.ArgumentTypeError(
+            f'{text!r} is neither a file nor a folder: copy what it holds into a file')
+    return Path(text)

@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from _arguments import input_path
 from _arguments import number
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ def add_film(parser: argparse.ArgumentParser) -> None:
 def add_truth(parser: argparse.ArgumentParser) -> None:
     """Add the options about truth that comes in a file of its own."""
     parser.add_argument(
-        '--truth', type=Path, metavar='FILE',
+        '--truth', type=input_path, metavar='FILE',
         help='where the objects are: a CSV table with columns such as frame,x,y or t_s,x,y and '
         'id, a MOT table, or COCO annotations; x and y are in pixels')
     parser.add_argument(

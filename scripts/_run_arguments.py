@@ -3,6 +3,7 @@
 import argparse
 from pathlib import Path
 
+from _arguments import input_path
 from _arguments import number
 from _arguments import Parser
 from _film_arguments import add_film
@@ -34,7 +35,7 @@ def add_frames(parser: argparse.ArgumentParser) -> None:
         help='simulate a scenario: a file of config/scenarios without .yaml, or a path '
         '(default: example4)')
     frames.add_argument(
-        '--replay', type=Path, metavar='BAG|FILE',
+        '--replay', type=input_path, metavar='BAG|FILE',
         help='take the frames and the truth from a bag, or from files as convert.py does')
     frames.add_argument(
         '--camera', metavar='TOPIC',

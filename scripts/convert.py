@@ -7,6 +7,7 @@ import shutil
 import sqlite3
 import sys
 
+from _arguments import input_path
 from _arguments import INTERRUPTED
 from _arguments import number
 from _arguments import Parser
@@ -26,7 +27,7 @@ def parse_arguments(arguments: list[str]) -> argparse.Namespace:
         epilog='An .npz holds frames [T, H, W] and, if known, truth [T, 2] (x, y in pixels, '
         'NaN for absent) and t_s [T]. example: python scripts/convert.py night.npz --out '
         'bags/night; exit code: 0 done, 2 usage error or unusable frames, 130 after Ctrl-C')
-    parser.add_argument('frames', type=Path, metavar='FRAMES', help='file or folder')
+    parser.add_argument('frames', type=input_path, metavar='FRAMES', help='file or folder')
     parser.add_argument(
         '--out', type=Path, required=True, metavar='BAG',
         help='folder of the bag, which must not exist')

@@ -12,6 +12,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 from typing import TYPE_CHECKING
 
+from _arguments import input_path
 from _arguments import INTERRUPTED
 from _arguments import Parser
 from _arguments import USAGE
@@ -35,7 +36,7 @@ def parse_arguments(arguments: list[str]) -> argparse.Namespace:
         'done, 1 frames of the run are missing, 2 usage error or a bag that cannot be scored, '
         '130 after Ctrl-C')
     parser.add_argument(
-        'bag', type=Path, metavar='BAG',
+        'bag', type=input_path, metavar='BAG',
         help='folder of a rosbag2 bag, or a file; or the results folder of a run, which gets the '
         'summary and the report of all that was scored')
     parser.add_argument(
