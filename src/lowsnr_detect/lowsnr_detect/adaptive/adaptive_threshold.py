@@ -30,8 +30,8 @@ from lowsnr_detect.adaptive.pareto_tail import exceeded
 from lowsnr_detect.adaptive.pareto_tail import START
 from lowsnr_detect.adaptive.region_maps import at_cells
 from lowsnr_detect.adaptive.region_maps import bin_quantile
-from lowsnr_detect.adaptive.region_maps import interpolation
 from lowsnr_detect.adaptive.region_maps import pooled
+from lowsnr_detect.adaptive.region_maps import to_cells
 from lowsnr_detect.adaptive.tail_memory import TailMemory
 from lowsnr_detect.adaptive.tail_memory import Thresholds
 from lowsnr_detect.adaptive.tail_memory import WhiteTail
@@ -102,10 +102,8 @@ class AdaptiveThreshold:
         """Return the thresholds for the next frame."""
         level, excess, scale, slope = (
             each.astype(np.float32) for each in self._regions(memory))
-        down, across = self._interpolations
-        # One product of matrices a plane: NumPy multiplies stacks of them without BLAS.
         threshold, scales = (
-            np.stack([down @ each @ across.T for each in maps])
+            np.stack([to_cells(each, self.shape) for each in maps])
             for maps in (level + scale * excess, scale / slope))
         return Thresholds(threshold, scales, excess, slope)
 
@@ -141,12 +139,6 @@ class AdaptiveThreshold:
         answers = memory.frames >= LEARNING_FRAMES
         memory = self._learned(memory, found, odds, limits, answers)
         return memory, odds if answers else np.full_like(planes, -np.inf)
-
-    @property
-    def _interpolations(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the weights from regions to rows and to columns."""
-        (rows, cols), (down, across) = self.shape, self.grid
-        return interpolation(rows, down), interpolation(cols, across)
 
     def _learned(
         self, memory: TailMemory, found: list[tuple[np.ndarray, np.ndarray, np.ndarray]],

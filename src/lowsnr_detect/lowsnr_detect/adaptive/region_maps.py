@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import functools
-
+from lowsnr_common.core.compiled import compiled
 import numpy as np
 
 
@@ -28,11 +27,11 @@ def bin_quantile(counts: np.ndarray, part: float) -> np.ndarray:
     return np.asarray((number + 1.0 - np.clip(left, 0.0, 1.0))[..., 0])
 
 
-@functools.lru_cache(maxsize=64)
-def interpolation(size: int, regions: int) -> np.ndarray:
-    """Return the weights (size, regions) that interpolate between the centres of regions."""
-    place = np.clip((np.arange(size) + 0.5) * regions / size - 0.5, 0.0, regions - 1.0)
-    return np.asarray(np.maximum(1.0 - abs(place[:, None] - np.arange(regions)), 0.0), np.float32)
+def to_cells(values: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """Return values (R, C) of regions, interpolated at every cell of a frame of a shape."""
+    sides = zip(shape, values.shape, strict=True)
+    down, across = (_between_centres(np.arange(size), size, parts) for size, parts in sides)
+    return np.asarray(_interpolated(values.astype(np.float32), *down, *across))
 
 
 def at_cells(
@@ -53,3 +52,18 @@ def _between_centres(
     place = np.clip((cell + 0.5) * regions / size - 0.5, 0.0, regions - 1.0)
     before = place.astype(np.intp)
     return before, np.minimum(before + 1, regions - 1), (place - before).astype(np.float32)
+
+
+@compiled
+def _interpolated(
+    values: np.ndarray, top: np.ndarray, bottom: np.ndarray, down: np.ndarray,
+    left: np.ndarray, right: np.ndarray, across: np.ndarray,
+) -> np.ndarray:
+    """Return the values between the centres of regions around each row and column."""
+    out = np.empty((len(top), len(left)), np.float32)
+    for row in range(len(top)):
+        line = values[top[row]] + down[row] * (values[bottom[row]] - values[top[row]])
+        for col in range(len(left)):
+            before = line[left[col]]
+            out[row, col] = before + across[col] * (line[right[col]] - before)
+    return out
