@@ -3,6 +3,8 @@
 import math
 import os
 import signal
+import subprocess
+import sys
 
 from lowsnr_eval.study.workers import LocalWorkers
 from lowsnr_eval.study.workers import WorkerDiedError
@@ -42,6 +44,17 @@ def test_local_workers_have_one_thread_and_import_no_dask(log, monkeypatch):
         assert results(found, surroundings, {'a': ()}) == {'a': (False, True, '1')}
     assert 'OMP_NUM_THREADS' not in os.environ
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+
+
+def test_first_process_of_a_program_receives_no_ctrl_c():
+    text = ('from lowsnr_eval.study.local_pool import LocalPool\n'
+            'from worker_tasks import surroundings\n'
+            'with LocalPool(1) as pool:\n'
+            '    print(pool.submit(surroundings).result()[1])\n')
+    found = subprocess.run(
+        [sys.executable, '-c', text], env=os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)},
+        capture_output=True, text=True, check=True)
+    assert found.stdout == 'True\n'
 
 
 @pytest.mark.parametrize('die', [die_once, die_while_sending])

@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 import contextlib
 from multiprocessing import get_context
 from multiprocessing import parent_process
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 import os
@@ -62,6 +63,7 @@ class LocalPool(ThreadPoolExecutor):
     def _start_process(self) -> None:
         context = get_context('spawn')
         here, there = context.Pipe()
+        resource_tracker.ensure_running()  # the first process would start it, and unblock Ctrl-C
         process = context.Process(target=_answer_calls, args=(there,), daemon=True)
         with _worker_environment():
             process.start()
