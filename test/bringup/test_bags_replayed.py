@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message
 from rclpy.serialization import serialize_message
+from sensor_msgs.msg import CameraInfo
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 from vision_msgs.msg import Detection2DArray
@@ -219,3 +220,24 @@ def test_odometry_goes_with_its_frame(tmp_path):
     with Bag(bag) as opened:
         found = list(played_frames(opened, '/image_raw', ''))
     assert [(len(frame.odometry), frame.truth) for frame in found] == [(0, None)] * 2
+
+
+@pytest.mark.parametrize('info_first', [False, True])
+@pytest.mark.parametrize(('topic', 'beside'), [
+    ('/camera/image_raw', '/camera/camera_info'), ('/image_raw', '/camera_info'),
+    ('/camera/image_raw/compressed', '/camera/camera_info')])
+def test_camera_info_goes_with_its_frame(tmp_path, info_first, topic, beside):
+    with BagWriter(tmp_path / 'bag') as bag:
+        frames = bag.add_topic(topic, 'sensor_msgs/msg/Image')
+        infos = bag.add_topic(beside, 'sensor_msgs/msg/CameraInfo')
+        for k in range(1, 41):
+            info = serialize_message(CameraInfo(header=header(k), width=k))
+            both = [(frames, image(k))] + [(infos, info)] * (k != 2)
+            for place, data in both[::-1] if info_first else both:
+                bag.write(place, data, k, k)
+    with Bag(tmp_path / 'bag') as opened:
+        found = [(frame.stamp_ns // 10**9, frame.camera_info)
+                 for frame in played_frames(opened, topic, '')]
+    assert [number for number, _ in found] == list(range(1, 41))
+    assert [info and deserialize_message(info, CameraInfo).width for _, info in found] == [
+        1, b'', *range(3, 41)]

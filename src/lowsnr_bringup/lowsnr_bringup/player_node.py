@@ -29,6 +29,7 @@ from rclpy.lifecycle import LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import CameraInfo
 from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import Image
 from vision_msgs.msg import Detection2DArray
@@ -38,7 +39,7 @@ _AT_ONCE_S = 1e-4
 
 class PlayerNode(ManagedNode):
     """
-    Publish ``image_raw``, ``ground_truth``, ``ground_truth/odometry`` and ``/clock``.
+    Publish ``image_raw``, ``camera_info``, ``ground_truth``, its odometry, and ``/clock``.
 
     The node publishes the bytes that were recorded; it unpacks compressed images.  It publishes a
     frame by the wall clock, at ``rate_hz`` or at the recorded times, or, in lockstep, when the
@@ -61,6 +62,7 @@ class PlayerNode(ManagedNode):
             self._truth_bag))
         self._image = self.create_publisher(
             Image, 'image_raw', reliable(frame_depth(depth, playing.rows, playing.cols)))
+        self._info = self.create_publisher(CameraInfo, 'camera_info', reliable(depth))
         self._data_time = self.create_publisher(Clock, DATA_TIME, reliable(depth))
         self.outputs = {self._image: self.settings.consumers, self._data_time: 0}
         if playing.truth_topic:
@@ -131,6 +133,8 @@ class PlayerNode(ManagedNode):
             for data in frame.odometry or self._odometry_of(frame.truth.data):
                 self._odometry.publish(data)
             self._array.publish(frame.truth.data)
+        if frame.camera_info:
+            self._info.publish(frame.camera_info)
         self._image.publish(self._unpacked(frame.image) if self._compressed else frame.image)
         self.bringup.tell(DATA_TIME, data_time)  # last: what is told is not played again
 
