@@ -65,6 +65,8 @@ def main() -> int:
     from lowsnr_eval.scoring.final_summary import summarize_folder
     try:
         if options.export is not None:
+            if options.results is not None:
+                raise ValueError('--results: --export writes nothing but its tables; leave it out')
             export(options)
             return DONE
         if (options.bag / FRAMES_FILE).is_file():

@@ -93,6 +93,9 @@ def test_colours_of_a_tiff_become_luminance(tmp_path, rng, kind):
 def test_white_is_zero_and_no_data_are_read_as_declared(tmp_path, frames):
     tifffile.imwrite(tmp_path / 'a.tif', frames[0], photometric='miniswhite')
     np.testing.assert_array_equal(read(tmp_path / 'a.tif')[1][0], 65535 - frames[0])
+    bits = frames[0] > 1030
+    tifffile.imwrite(tmp_path / 'c.tif', bits, photometric='miniswhite')
+    np.testing.assert_array_equal(read(tmp_path / 'c.tif')[1][0], ~bits)
     tifffile.imwrite(tmp_path / 'b.tif', frames[0], extratags=[(42113, 's', 0, '1000', True)])
     reader, found, _ = read(tmp_path / 'b.tif')
     np.testing.assert_array_equal(np.isnan(found[0]), frames[0] == 1000)
@@ -125,6 +128,16 @@ def test_npy_and_any_key_of_an_npz_are_read(tmp_path, frames):
     np.testing.assert_array_equal(read(tmp_path / 'folder')[1], frames)
 
 
+def test_npy_of_one_picture_in_colours_is_one_frame(tmp_path, frames):
+    np.save(tmp_path / 'a.npy', np.repeat(frames[0][..., None], 3, axis=2))
+    np.testing.assert_allclose(read(tmp_path / 'a.npy')[1], frames[:1], atol=0.5)
+
+
+def test_times_that_no_stamp_holds_are_refused(tmp_path, frames):
+    np.savez(tmp_path / 'a.npz', frames=frames, t_s=1e9 * np.arange(6.0))  # nanoseconds
+    assert reason(tmp_path / 'a.npz') == 'stamps'
+
+
 def test_jpeg_is_read_as_another_library_reads_it(tmp_path, frames):
     for k, frame in enumerate(frames):
         PIL.Image.fromarray((frame // 8).astype('u1')).save(tmp_path / f'{k}.jpg', quality=95)
@@ -150,7 +163,8 @@ def test_pgm_of_text_and_with_a_small_maximum_is_read_as_it_is(tmp_path):
     assert (found[0].tolist(), found.dtype) == ([[0, 1, 2], [4095, 7, 9]], np.uint16)
     (tmp_path / 'a.pgm').write_bytes(b'P5 3 1 15 \x01\x0f\x07')
     assert read(tmp_path / 'a.pgm')[1].tolist() == [[[1, 15, 7]]]
-    for bad in (b'P2 3 2 255 1 2 x 4 5 6', b'P5 3 1 255 a', b'P9 3 1 255 abc', b'P5 3 1 0 abc'):
+    for bad in (b'P2 3 2 255 1 2 x 4 5 6', b'P5 3 1 255 a', b'P9 3 1 255 abc', b'P5 3 1 0 abc',
+                b'P2 2 1 255 300 1', b'P2 2 1 255 -1 1', b'P5 2 1 15 \x01\x10'):
         (tmp_path / 'a.pgm').write_bytes(bad)
         assert reason(tmp_path / 'a.pgm') == 'unreadable'
 

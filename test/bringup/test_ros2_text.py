@@ -1,5 +1,6 @@
 """What the small ros2 prints of messages, rates and bags, without a graph."""
 
+import argparse
 import math
 import re
 
@@ -14,6 +15,7 @@ from lowsnr_bringup.cli.message_text import field_text
 from lowsnr_bringup.cli.message_text import selected
 from lowsnr_bringup.cli.message_text import TextForm
 from lowsnr_bringup.cli.message_text import yaml_text
+from lowsnr_bringup.cli.ros import param
 from lowsnr_bringup.cli.ros.command import main
 import numpy as np
 import pytest
@@ -162,3 +164,12 @@ def test_help_names_where_the_whole_tool_is(capsys):
         main(['--help'])
     assert end.value.code == 0
     assert 'installed ROS 2' in ' '.join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize(('run', 'options'), [
+    (param.list_parameters, {'filter': '['}),
+    (param.set_value, {'parameter_name': 'p', 'value': '@x'})])
+def test_filter_or_value_that_is_none_is_named_before_the_graph_is_asked(run, options):
+    with pytest.raises(ValueError, match=r'\[|@x') as caught:
+        run(argparse.Namespace(**options))
+    assert '\n' not in str(caught.value)

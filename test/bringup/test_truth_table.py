@@ -23,6 +23,15 @@ def test_lines_by_frame_number(tmp_path):
     assert np.isnan(found[0][0].state[[1, 3]]).all()
 
 
+def test_table_that_numpy_wrote(tmp_path):
+    path = tmp_path / 'truth.csv'
+    np.savetxt(path, [[1, 3, 4], [2, 5, 6]], fmt='%g', header='frame x y')
+    found = read_truth(path, TIMES)
+    assert [frame[0].state[[0, 2]].tolist() for frame in found[:2]] == [[3, 4], [5, 6]]
+    found = read_truth(table(tmp_path, 'frame;x;y;\n1;3;4;\n'), TIMES)
+    assert found[0][0].state[[0, 2]].tolist() == [3, 4]
+
+
 def test_lines_by_time_and_several_objects(tmp_path):
     text = 't_s,x,y,id\n25.4,1,2,a\n25.4,5,6,b\n9,7,7,a\n'
     found = read_truth(table(tmp_path, text), TIMES)
@@ -38,6 +47,8 @@ def test_lines_by_time_and_several_objects(tmp_path):
     ('frame,x,y\n1.5,1,2\n', 'no such frame', 'line 2:'),
     ('frame,x,y\n1,1,2\n1,1,3\n', 'twice', 'line 3:'),
     ('frame,x,y\n1,one,2\n', 'number', 'line 2:'),
+    ('frame,x,y\n1,10,5,20,5\n', 'fields', 'line 2:'),  # decimal commas
+    ('frame,x,y\n1,10\n', 'fields', 'line 2:'),
     ('t_s,x,y\n19,1,2\n40,1,2\n', 'no such frame', 'line 3:'),
     ('t_s,x,y\nnan,1,2\n', 'no such frame', 'line 2:'),
 ])

@@ -2,16 +2,20 @@
 
 import math
 import os
+from pathlib import Path
 import signal
 import subprocess
 import sys
 
+from lowsnr_bringup.bags.errors import UnusableFile
+from lowsnr_common.core.records import Malformed
 from lowsnr_eval.study.workers import LocalWorkers
 from lowsnr_eval.study.workers import WorkerDiedError
 from lowsnr_eval.study.workers import workers
 import pytest
 from worker_tasks import die_once
 from worker_tasks import die_while_sending
+from worker_tasks import fail
 from worker_tasks import surroundings
 
 TASKS = {str(n): (float(n),) for n in range(20)}
@@ -73,6 +77,14 @@ def test_task_that_always_kills_its_worker_fails(log):
             results(found, signal.raise_signal, {'a': (signal.SIGKILL,)})
         assert results(found, math.sqrt, TASKS) == ROOTS
     assert len(log) == LocalWorkers.restarts
+
+
+@pytest.mark.parametrize('error', [
+    UnusableFile(Path('a'), 'missing', 'there is none'), Malformed('size', 'of 3')])
+def test_errors_of_a_task_arrive_as_they_are(log, error):
+    with workers(1, None, log.append) as found, pytest.raises(type(error)) as caught:
+        results(found, fail, {'a': (error,)})
+    assert (str(caught.value), caught.value.reason) == (str(error), error.reason)
 
 
 def test_error_of_a_task_ends_its_batch_alone(log):

@@ -38,3 +38,8 @@ def surroundings() -> tuple[bool, bool, str | None]:
     blocked = signal.pthread_sigmask(signal.SIG_BLOCK, [])
     return 'distributed' in sys.modules, signal.SIGINT in blocked, os.environ.get(
         'OMP_NUM_THREADS')
+
+
+def fail(error: Exception) -> None:
+    """Raise an error."""
+    raise error

@@ -41,3 +41,8 @@ class UnusableFile(ValueError):
         super().__init__(printable(f'{path}: {sentence}'))
         self.path = path
         self.reason = reason
+        self._sentence = sentence
+
+    def __reduce__(self) -> tuple[type[UnusableFile], tuple[Path, str, str]]:
+        """Return what makes the error again in another process."""
+        return type(self), (self.path, self.reason, self._sentence)

@@ -21,6 +21,7 @@ from lowsnr_common.settings.text import read_yaml
 
 _NANO = 1_000_000_000
 _UNITS = ('B', 'KiB', 'MiB', 'GiB', 'TiB')
+_STORAGES = {'.mcap': 'mcap', '.bag': 'rosbag_v2'}
 _COLUMN = 19  # of the values
 _LONGEST_NS = 2**63
 
@@ -123,7 +124,7 @@ def _counted(path: Path, paths: Sequence[Path], size: int) -> BagInfo:
         notes = list(bag.notes)
     if not counts:
         first = last
-    storage = 'mcap' if '.mcap' in paths[0].name else 'sqlite3'
+    storage = next((name for end, name in _STORAGES.items() if end in paths[0].name), 'sqlite3')
     return BagInfo(paths, size, storage, 'unknown', first, last - first, topics, notes)
 
 

@@ -15,6 +15,8 @@ from lowsnr_common.core.timeline import in_seconds
 import numpy as np
 from numpy.typing import NDArray
 
+_LATEST_NS = 2**31 * 10**9  # a stamp has the seconds since 1970 in 31 bits
+
 
 @dataclass
 class FrameReader:
@@ -78,7 +80,7 @@ class FrameReader:
         Raises
         ------
         UnusableFile
-            With reason ``stamps``, if they do not increase.
+            With reason ``stamps``, if they do not increase, or end after 2038.
 
         """
         even_s = period_s or self.period_s or 1.0
@@ -94,5 +96,10 @@ class FrameReader:
                     self.path, 'stamps', f'frame {k} has the time {in_seconds(stamp_ns)} s, which '
                     f'is not after {in_seconds(last_ns)} s of the one before; --period gives the '
                     'time between frames')
+            if stamp_ns >= _LATEST_NS:
+                raise UnusableFile(
+                    self.path, 'stamps', f'frame {k} has the time {in_seconds(stamp_ns)} s, which '
+                    'a ROS stamp cannot hold: times are in seconds; --period gives the time '
+                    'between frames')
             last_ns = stamp_ns
             yield pixels, stamp_ns

@@ -192,7 +192,7 @@ def open_npz(path: Path, select: str | None = None) -> FrameSource:
 
 
 def open_npy(path: Path, select: str | None = None) -> FrameSource:
-    """Return the frames of an ``.npy`` file, or the one that a file of two dimensions is."""
+    """Return the frames of an ``.npy`` file, or the one, grey or in colours, that it is."""
     try:
         with path.open('rb') as file:
             header = _read_header(file)
@@ -200,7 +200,7 @@ def open_npy(path: Path, select: str | None = None) -> FrameSource:
     except UNREADABLE as error:
         raise UnusableFile(path, 'unreadable', f'cannot be read: {one_line(error)}') from None
     _check_size(path, 'the array', header, held)
-    if len(header.shape) == 2:
+    if len(header.shape) == 2 or (len(header.shape) == 3 and header.shape[-1] in (3, 4)):
         header = replace(header, shape=(1, *header.shape), columns_first=False)
     _check_frames(path, 'the array', header)
     return FrameSource(path, lambda: map(TimedFrame, _npy_frames(path, header)), header.shape[0])

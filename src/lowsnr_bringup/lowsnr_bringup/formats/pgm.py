@@ -56,8 +56,11 @@ def _read(path: Path, data: bytes, start: int) -> _Image:
     kind = np.dtype('>u2' if largest > 255 else 'u1')
     held = data[header.end():] if plain else data[header.end():header.end() + size * kind.itemsize]
     try:
-        numbers = (np.array(held.split()[:size], np.int64).astype(kind) if plain
-                   else np.frombuffer(held, kind))
+        values = (np.array(held.split()[:size], np.int64) if plain else np.frombuffer(held, kind))
+        if not 0 <= int(values.min()) <= int(values.max()) <= largest:
+            raise UnusableFile(
+                path, 'unreadable', f'holds {values.min()} to {values.max()}, not 0 to {largest}')
+        numbers = values.astype(kind)
         shape = (rows, cols) if channels == 1 else (rows, cols, channels)
         return _Image(
             shape, numbers.reshape(shape), len(data) if plain else header.end() + len(held))

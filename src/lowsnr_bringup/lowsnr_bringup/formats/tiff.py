@@ -107,6 +107,8 @@ def _pixels(path: Path, page: Any) -> Pixels:
         pixels = np.moveaxis(pixels, 0, -1)
     if page.photometric == _PALETTE and page.colormap is not None:
         pixels = np.moveaxis(np.asarray(page.colormap)[:, pixels], 0, -1)
+    elif page.photometric == _MINISWHITE and pixels.dtype.kind == 'b':
+        pixels = ~pixels
     elif page.photometric == _MINISWHITE and pixels.dtype.kind == 'u':
         pixels = (2**page.bitspersample - 1 - pixels).astype(pixels.dtype)
     return _blanked(page, pixels)

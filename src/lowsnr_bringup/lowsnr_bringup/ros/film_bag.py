@@ -22,7 +22,9 @@ from lowsnr_bringup.truth.forms import within
 from lowsnr_bringup.truth.frame_index import FrameIndex
 from lowsnr_bringup.truth.frame_index import Reading
 from lowsnr_common.core.records import Truth
+from lowsnr_common.core.timeline import in_seconds
 
+_SINCE_1970_NS = 10**18  # stamps below are counted from some start, not from 1970
 _MESSAGE_BYTES = 150  # of a frame and its time in a bag, besides the pixels
 
 
@@ -118,6 +120,10 @@ def replayable(
         found.truth_bag = folder / 'truth'
         frames = frames_of(path, frames_topic)
         index = FrameIndex(frames.stamps_ns / 1e9)
+        if 0 < frames.stamps_ns[0] < _SINCE_1970_NS:
+            found.notes.append(
+                f'{truth_file}: its times, if it has any, are compared with the stamps of the '
+                f'bag, the first of which is {in_seconds(int(frames.stamps_ns[0]))} s')
         truth = [*within(
             read_truth(truth_file, index, reading, found.notes), frames.shape, truth_file,
             found.notes)]

@@ -46,6 +46,8 @@ def read_table(
     """Return the objects of every frame from the text of a table."""
     delimiter, rows = _rows(path, text)
     header = next(rows, (1, []))[1]
+    if [cell.strip() for cell in header[:1]] == ['#']:  # as NumPy writes it
+        header = header[1:]
     columns = _columns(path, header, reading)
     # A decimal comma needs another delimiter.
     decimal = ',' if delimiter in ';\t' else '.'
@@ -54,7 +56,9 @@ def read_table(
         if not any(cell.strip() for cell in row):
             continue
         line = Line(path, number)
-        cells = {what: row[k] if k < len(row) else '' for what, k in columns.items()}
+        if len(row) < len(header) or any(cell.strip() for cell in row[len(header):]):
+            raise line.fault('fields', f'{len(row)} fields; the header has {len(header)}')
+        cells = {what: row[k] for what, k in columns.items()}
         key = (line.number(cells['frame'], decimal) if 'frame' in columns
                else line.time_s(cells['t_s'], decimal))
         lines.append((line, key, line.number(cells['x'], decimal),

@@ -68,3 +68,7 @@ class Malformed(ValueError):
     def __init__(self, reason: str, sentence: str) -> None:
         super().__init__(sentence)
         self.reason = reason
+
+    def __reduce__(self) -> tuple[type[Malformed], tuple[str, str]]:
+        """Return what makes the error again in another process."""
+        return type(self), (self.reason, str(self))

@@ -119,7 +119,8 @@ class FrameMaps:
         where = info_to_map(info)
         if self._node.active:
             self._maps.setdefault(stamp_key(info.header.stamp), where)
-            if len(self._maps) > self._depth:
+            # A message comes after its map, by all that waits in a node between.
+            if len(self._maps) > 2 * self._depth + _MOST_WAITING:
                 del self._maps[next(iter(self._maps))]
             self._match()
 

@@ -60,8 +60,9 @@ class Lockstep:
         self._awaited, self._since_s = stamp_ns, time.monotonic()
 
     def _on_scored(self, message: DiagnosticArray) -> None:
-        if FrameScored.from_message(message).stamp_ns == self._awaited:
-            self._patience_s = self._usual_s
+        scored = FrameScored.from_message(message)
+        self._patience_s = self._usual_s  # frames arrive again, even if late
+        if scored.stamp_ns == self._awaited:
             self._next()
 
     def _on_restart(self, message: DiagnosticArray) -> None:

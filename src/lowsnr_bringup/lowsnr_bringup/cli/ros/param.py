@@ -63,7 +63,10 @@ def add_verbs(verbs: Any) -> None:
 
 def list_parameters(options: argparse.Namespace) -> None:
     """Print the names of the parameters of a node, or of all nodes."""
-    wanted = re.compile(options.filter or '')
+    try:
+        wanted = re.compile(options.filter or '')
+    except re.error as error:
+        raise ValueError(f'--filter {options.filter!r}: {error}') from None
     with graph_client(options) as client:
         if options.node_name is not None:
             _print_names(client, client.find_node(options.node_name), wanted, options.param_type)
@@ -98,8 +101,11 @@ def print_value(options: argparse.Namespace) -> None:
 
 def set_value(options: argparse.Namespace) -> None:
     """Set a parameter; ValueError with the node's reason where it rejects the value."""
-    parameter = Parameter(
-        name=options.parameter_name, value=get_parameter_value(options.value))
+    try:
+        value = get_parameter_value(options.value)
+    except yaml.YAMLError:
+        raise ValueError(f'{options.value!r} is not YAML: put a text into quotes') from None
+    parameter = Parameter(name=options.parameter_name, value=value)
     with graph_client(options) as client:
         node = client.find_node(options.node_name)
         result, = client.call(SetParameters, f'{node}/set_parameters', SetParameters.Request(

@@ -49,9 +49,11 @@ def print_messages(options: argparse.Namespace) -> None:
         qos = _fitting_qos(client, options.topic_name, options.qos_depth,
                            options.qos_reliability, options.qos_durability)
         client.node.create_subscription(kind, options.topic_name, show, qos)
-        client.spin_until(
+        found = client.spin_until(
             lambda: options.once and printed > 0,
             float('inf') if options.timeout is None else options.timeout)
+    if options.once and not found:
+        raise TimeoutError(f'{options.topic_name}: no message within {options.timeout:g} s')
 
 
 def print_rate(options: argparse.Namespace) -> None:
