@@ -4,6 +4,9 @@ import gzip
 import struct
 
 from astropy.io import fits
+from film_files import read
+from film_files import reason
+from film_files import SHAPE
 from lowsnr_bringup.bags.errors import UnusableFile
 from lowsnr_bringup.formats import fits as fits_format
 from lowsnr_bringup.formats.fits_dates import unix_ns
@@ -11,7 +14,6 @@ from lowsnr_bringup.formats.image_files import open_frames
 import numpy as np
 import pytest
 
-SHAPE = (24, 32)
 START_S = 1_767_225_600.0  # 2026-01-01T00:00:00
 
 
@@ -19,20 +21,6 @@ START_S = 1_767_225_600.0  # 2026-01-01T00:00:00
 def frames(rng):
     """Return six frames of 16 bits."""
     return np.rint(rng.normal(33_000.0, 20.0, (6, *SHAPE))).astype('u2')
-
-
-def read(path, **how):
-    """Return the reader, its frames as one array, and their stamps [s]."""
-    reader = open_frames(path, **how)
-    found = list(reader.stamped())
-    return reader, np.stack([frame for frame, _ in found]), [ns / 1e9 for _, ns in found]
-
-
-def reason(path, **how):
-    with pytest.raises(UnusableFile) as caught:
-        list(open_frames(path, **how).stamped())
-    assert str(caught.value).isprintable()
-    return caught.value.reason
 
 
 def dated(second, **more):
