@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Table of the gain in P_D from a right destination of the objects, and of the loss from a wrong one.
 

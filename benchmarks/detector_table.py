@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Table of P_D against SNR for all detectors at the same false-alarm probability.
 
@@ -5,6 +6,11 @@ Objects move at random as in config/scenarios/random.yaml, and detectors with a 
 that motion.  P_D is the fraction of frames 10 to 35, in which the object is there for at least
 five, with a declaration within the gate; every detector is calibrated to the same fraction of
 empty frames with any declaration.  Intervals are 95 %, by bootstrap over whole runs.
+
+P_D does not show everything: ``beside`` are the declarations outside the gate, a frame with the
+object, ``ghosts`` the share of the five frames after its end with a declaration, ``delay`` the
+frames from its appearance to the first hit (those to its end where there is none), ``gospa`` the
+mean GOSPA metric of all frames, with the gate as its cutoff, and ``frame_ms`` CPU time.
 """
 
 import argparse
@@ -17,10 +23,12 @@ from dataclasses import replace
 from pathlib import Path
 from statistics import NormalDist
 import sys
+import time
 from typing import Any
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from lowsnr_detect.calibration.curve import Calibration
     from lowsnr_detect.parts.detector import Detector
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -29,23 +37,25 @@ sys.path.insert(0, str(ROOT / 'scripts'))
 import _environment  # noqa: E402
 
 FRAMES = slice(9, 35)
+PRESENT, AFTER = slice(4, 35), slice(35, 40)
 SNRS_DB = (1.0, 3.0, 6.0, 7.6, 9.0, 12.0, 15.0)
 WANTED = 0.9
 BLOCK = 20
 BOOTSTRAPS = 1000
 FIELDS = (
     'method', 'snr_db', 'pd', 'pd_low', 'pd_high', 'empty_rate', 'empty_low', 'empty_high',
-    'threshold', 'threshold_low', 'threshold_high', 'runs', 'seed')
+    'threshold', 'threshold_low', 'threshold_high', 'beside', 'ghosts', 'delay', 'gospa',
+    'frame_ms', 'runs', 'calibration_runs', 'seed')
+FIGURES = ('pd', 'beside', 'ghosts', 'delay', 'gospa')
 
 
 @dataclass(frozen=True)
 class Method:
-    """A registered detector with its settings; ``lag`` is that of its answers [frames]."""
+    """A registered detector with its settings."""
 
     label: str
     detector: str
     settings: dict[str, Any] = field(default_factory=dict)
-    lag: int = 0
 
 
 METHODS = (
@@ -58,9 +68,11 @@ METHODS = (
     Method('tbd2', 'tbd2'),
     Method('mmtbd2', 'mmtbd2'),
     *(Method(f'hmm order {order}', 'hmm', {'order': order}) for order in (0, 1, 2)),
-    Method('hmm lag 3', 'hmm', {'lag': 3}, lag=3),
+    *(Method(f'hmm lag {lag}', 'hmm', {'lag': lag}) for lag in (3, 10)),
     Method('pmf', 'pmf'),
+    *(Method(f'pmf lag {lag}', 'pmf', {'lag': lag}) for lag in (3, 10)),
     *(Method(f'bernoulli order {order}', 'bernoulli', {'order': order}) for order in (1, 2)),
+    *(Method(f'bernoulli lag {lag}', 'bernoulli', {'lag': lag}) for lag in (3, 10)),
 )
 
 
@@ -70,6 +82,8 @@ def main() -> int:
         description=__doc__.strip().partition('\n')[0], allow_abbrev=False,
         epilog='example: python benchmarks/detector_table.py --runs 500')
     parser.add_argument('--runs', type=int, default=500, help='runs with an object (500)')
+    parser.add_argument(
+        '--calibration-runs', type=int, default=1000, help='empty runs a threshold (1000)')
     parser.add_argument('--seed', type=int, default=0, help='root seed (0)')
     parser.add_argument('--snr', type=float, nargs='+', default=SNRS_DB, metavar='DB')
     parser.add_argument(
@@ -80,14 +94,17 @@ def main() -> int:
     options = parser.parse_args()
     _environment.ensure()
     chosen = [method for method in METHODS if method.label in options.method]
-    tasks = [(m, snr, options.runs, options.seed) for snr in options.snr for m in chosen]
+    tasks = [(m, snr, options.runs, options.seed, options.calibration_runs)
+             for snr in options.snr for m in chosen]
     rows = []
     with ProcessPoolExecutor(options.processes) as pool:
         for row in pool.map(measure, *zip(*tasks)):
             rows.append(row)
             print('{method:>16} {snr_db:5g} dB  P_D {pd:.3f} [{pd_low:.3f}, {pd_high:.3f}]  '
                   'empty {empty_rate:.4f} [{empty_low:.4f}, {empty_high:.4f}]  '
-                  'threshold {threshold:.2f}'.format(**row), flush=True)
+                  'threshold {threshold:.2f}  beside {beside:.3f}  ghosts {ghosts:.2f}  '
+                  'delay {delay:.1f}  gospa {gospa:.3f}  {frame_ms:.2f} ms'.format(**row),
+                  flush=True)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     with options.out.open('w', newline='', encoding='utf-8') as file:
         writer = csv.DictWriter(file, FIELDS)
@@ -98,8 +115,27 @@ def main() -> int:
     return 0
 
 
-def measure(method: Method, snr_db: float, runs: int, seed: int) -> dict[str, Any]:
-    """Calibrate a method, run it on frames with and without an object, and score it."""
+def measure(
+    method: Method, snr_db: float, runs: int, seed: int, calibration_runs: int,
+) -> dict[str, Any]:
+    """Return the row of a method."""
+    scores, alarms, found, frame_ms = scored(method, snr_db, runs, seed, calibration_runs)
+    pd, *others = scores.mean(axis=0)
+    return dict(zip(FIELDS, (
+        method.label, snr_db, pd, *bootstrap(scores[:, 0], seed), alarms.mean(),
+        *bootstrap(alarms, seed), found.threshold, *found.interval, *others, frame_ms, runs,
+        calibration_runs, seed)))
+
+
+def scored(
+    method: Method, snr_db: float, runs: int, seed: int, calibration_runs: int,
+) -> tuple[Any, Any, 'Calibration', float]:
+    """
+    Calibrate a method, and run it on frames with and without an object.
+
+    Returns the figures of each run (runs, figures), the share of empty frames with a declaration
+    (runs,), the calibration, and the CPU time of a frame [ms].
+    """
     from lowsnr_common.core.measurement import SensorModel
     from lowsnr_detect.calibration.empty_frames import empty_frame_peaks
     from lowsnr_detect.calibration.empty_frames import Simulation
@@ -109,21 +145,17 @@ def measure(method: Method, snr_db: float, runs: int, seed: int) -> dict[str, An
 
     scenario = load_scenario(ROOT / 'config' / 'scenarios' / 'random.yaml')
     sensor = SensorModel(snr_db=snr_db)
-    found = calibrated(build(method, sensor, scenario.objects[0].random), 0.01, scenario.shape)
-    detector = replace(
-        build(method, sensor, scenario.objects[0].random), threshold=found.threshold)
-    hits = np.concatenate([
-        block_hits(detector, method.lag, scenario, sensor, seed, first, min(BLOCK, runs - first))
-        for first in range(0, runs, BLOCK)])
+    plain = build(method, sensor, scenario.objects[0].random)
+    found = calibrated(plain, 0.01, scenario.shape, runs=calibration_runs)
+    detector = replace(plain, threshold=found.threshold)
+    scores, spent_s = zip(*(
+        block_scores(detector, scenario, sensor, seed, first, min(BLOCK, runs - first))
+        for first in range(0, runs, BLOCK)))
     # Other noise than that of the calibration.
     empty = empty_frame_peaks(
         detector, Simulation(runs, scenario.frames, scenario.shape, seed + 1_000_003))
-    alarms = (empty > found.threshold).mean(axis=1)
-    low, high = bootstrap(hits, seed)
-    empty_low, empty_high = bootstrap(alarms, seed)
-    return dict(zip(FIELDS, (
-        method.label, snr_db, hits.mean(), low, high, alarms.mean(), empty_low, empty_high,
-        found.threshold, *found.interval, runs, seed)))
+    return (np.concatenate(scores), (empty > found.threshold).mean(axis=1), found,
+            1e3 * sum(spent_s) / (runs * scenario.frames))
 
 
 def build(method: Method, sensor: Any, motion: Any) -> 'Detector':
@@ -140,22 +172,62 @@ def build(method: Method, sensor: Any, motion: Any) -> 'Detector':
     return build_settings(cls, values | method.settings)
 
 
-def block_hits(
-    detector: 'Detector', lag: int, scenario: Any, sensor: Any, seed: int, first: int, count: int,
-) -> Any:
-    """Return the fraction of scored frames with a hit, for each run of a block."""
-    from lowsnr_common.settings.node_settings import Evaluation
+def block_scores(
+    detector: 'Detector', scenario: Any, sensor: Any, seed: int, first: int, count: int,
+) -> tuple[Any, float]:
+    """Return the figures of each run of a block (count, figures), and the time of detection."""
+    truth, found, spent_s = declared(detector, scenario, sensor, seed, first, count)
+    return figures(truth, found), spent_s
+
+
+def declared(
+    detector: 'Detector', scenario: Any, sensor: Any, seed: int, first: int, count: int,
+) -> tuple[Any, Any, float]:
+    """
+    Run a detector on a block of simulated runs.
+
+    Returns positions of the object (count, K, 2) and of the declarations (count, K, D, 2), as
+    :func:`figures` takes them, and the CPU time [s].
+    """
     from lowsnr_eval.study.experiment import simulate_run
     from lowsnr_eval.study.offline_chain import detect
     import numpy as np
 
-    truth, frames = zip(*(
-        simulate_run(scenario, sensor, seed, run) for run in range(first, first + count)))
-    (answers,) = detect([detector], np.stack(frames), seed, first)
-    states = np.stack([declared.state for declared in answers], axis=1)
-    states = states[:, FRAMES.start + lag:FRAMES.stop + lag, :, ::2]
-    away = np.linalg.norm(states - np.stack(truth)[:, FRAMES, None, ::2], axis=-1)
-    return np.any(away <= Evaluation().gate_m, axis=-1).mean(axis=1)
+    truth, frames = map(np.stack, zip(*(
+        simulate_run(scenario, sensor, seed, run) for run in range(first, first + count))))
+    start = time.process_time()
+    (answers,) = detect([detector], frames, seed, first)
+    spent_s = time.process_time() - start
+    found = np.stack([answer.state[..., ::2] for answer in answers], axis=1)
+    return truth[..., ::2], found, spent_s
+
+
+def figures(truth: Any, found: Any) -> Any:
+    """
+    Return P_D, beside, ghosts, delay and GOSPA of each run, (runs, figures).
+
+    The truth is (runs, K, 2), positions where there is an object and else NaN; the declarations
+    are (runs, K, D, 2), NaN in slots that are not used.
+    """
+    from lowsnr_common.settings.node_settings import Evaluation
+    from lowsnr_eval.scoring.metrics import distances
+    from lowsnr_eval.scoring.metrics import gospa
+    import numpy as np
+
+    gate = Evaluation().gate_m
+    used = np.isfinite(found[..., 0])
+    away = np.linalg.norm(found - truth[:, :, None], axis=-1)
+    hit = np.any(away <= gate, axis=-1)
+    beside = np.sum(away > gate, axis=-1)[:, PRESENT].mean(axis=1)
+    ghosts = used.any(axis=-1)[:, AFTER].mean(axis=1)
+    while_there = hit[:, PRESENT]
+    delay = np.where(
+        while_there.any(axis=1), while_there.argmax(axis=1), while_there.shape[1])
+    cost = [
+        np.mean([gospa(distances(here[np.isfinite(here[:, 0])], there[present]), gate)
+                 for here, there, present in zip(true[:, None], states, slots)])
+        for true, states, slots in zip(truth, found, used)]
+    return np.stack([hit[:, FRAMES].mean(axis=1), beside, ghosts, delay, cost], axis=1)
 
 
 def bootstrap(fractions: Any, seed: int) -> tuple[float, float]:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The whole graph: frames a second, latency, start, recovery and memory, beside a round trip.
 

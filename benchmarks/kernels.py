@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Detectors and particle filters, with references that are timed in turn with them.
 
@@ -18,17 +19,20 @@ import time
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT / 'test'), *(str(path) for path in (ROOT / 'src').glob('lowsnr_*'))]
+sys.path[:0] = [str(ROOT / 'test'), *(str(path) for path in (ROOT / 'src').glob('lowsnr*'))]
 
 from lowsnr_common.core.motion import MotionModes  # noqa: E402
 from lowsnr_common.core.process_setup import keep_freed_memory  # noqa: E402
 from lowsnr_common.core.records import Estimate  # noqa: E402
+from lowsnr_detect.adaptive.adaptive_detector import AdaptiveDetector  # noqa: E402
+from lowsnr_detect.detectors.auto import Auto  # noqa: E402
 from lowsnr_detect.detectors.cusum import CUSUM  # noqa: E402
 from lowsnr_detect.detectors.hmm import forward  # noqa: E402
 from lowsnr_detect.detectors.hmm import HMM  # noqa: E402
 from lowsnr_detect.detectors.sdt import SDT  # noqa: E402
 from lowsnr_detect.detectors.sdt import sequential_test  # noqa: E402
 from lowsnr_detect.detectors.tbd2 import MMTBD2  # noqa: E402
+from lowsnr_detect.detectors.velocity_bank import VelocityBank  # noqa: E402
 from lowsnr_detect.parts.detector import Detector  # noqa: E402
 from lowsnr_detect.parts.moves import move_model  # noqa: E402
 from lowsnr_detect.parts.wald_bounds import wald_bounds  # noqa: E402
@@ -276,7 +280,12 @@ def cases() -> list[Case]:
 
 
 def _other_cases() -> list[Case]:
+    auto = AdaptiveDetector(Auto(), 0.01, (512, 512))
     found = [
+        *(Case(what, '512 x 512', 'copy of 49 int16 planes',
+               pair(stepping, (detector, 512), copy, 49, 512, np.int16), 512**2, 'cell', goal)
+          for what, detector, goal in (
+              ('bank', VelocityBank(threshold=NEVER), 5.0), ('AUTO, adaptive', auto, 10.0))),
         *(Case(f'conditioner, camera {what}', '1024 x 1024', 'copy of a float32 frame',
                pair(conditioning, (1024, step), copy, 1, 1024), 1024**2, 'pixel', goal)
           for what, step, goal in (('still', 0, 100.0), ('moving', 3, 150.0))),

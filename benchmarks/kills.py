@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Kill the nodes of running graphs with SIGKILL, and measure how soon each is back.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Table of the gain and the cost of SDT with two cells a frame (radius: 2) in example 5.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Run conditioner, detector and tracker on real sequences: as recorded, and erased.
 
@@ -5,11 +6,11 @@ They run in this process, or with --graph as a user runs them: each sequence bec
 bringup.py replays in lockstep and records, and what is scored is read from that recording.
 
 All sequences have the same settings, those of the library, with adaptive thresholds.  Erased
-means that a patch around the object is replaced by its median over the frames, in scene
-coordinates; what is declared within 12 pixels of the object's place is not counted.  As recorded,
-a declaration or a confirmed track is on the object within 5 pixels of it, and false if no object
-in the file is as near.  Scored are the frames from the tenth on; hits, from the tenth with the
-object on.
+means that a seamless patch of background replaces the object, by its median over the frames in
+scene coordinates; what is declared within 12 pixels of the object's place is not counted.  As
+recorded, a declaration or a confirmed track is on the object within 5 pixels of it, and false if
+no object in the file is as near.  Scored are the frames from the tenth on; hits, from the tenth
+with the object on.
 
 A sequence is an .npz file with frames (T, rows, cols), truth (T, 2) as x, y or NaN, and where
 known t_s (T,), box_wh, camera_offset (T, 2), other_truth and uncatalogued_truth (n, T, 2).
@@ -28,8 +29,6 @@ import _environment  # noqa: E402
 
 DATA = ROOT.parent / 'shared' / 'data'
 GATE_PX, PATCH_PX, SETTLING = 5.0, 12.0, 9
-# Half of the patch where the file has no box, and what is added to half a box [pixels].
-PATCH_HALF, PATCH_MARGIN = 6, 3
 
 
 def main() -> int:
@@ -64,6 +63,7 @@ def main() -> int:
 def row(name: str, data: Any, options: Any) -> str:
     """Run a sequence as recorded and erased; draw it and return its row of the table."""
     start = time.perf_counter()
+    from real_frames_erased import erased
     from real_frames_graph import through_graph
     follow = through_graph if options.graph else followed
     found, tracks, _ = follow(data, data['frames'], options)
@@ -75,30 +75,6 @@ def row(name: str, data: Any, options: Any) -> str:
     shares = ' | '.join(f'{share_elsewhere(each, data):.2f}' for each in (kept, ghosts))
     return (f'| {name} | {hit:.2f} / {false:.2f} | {tracked:.2f} / {false_tracks:.2f} | '
             f'{first if first >= 0 else "-"} | {shares} | {measured:.3f} | {spent:.0f} |')
-
-
-def erased(data: Any) -> Any:
-    """Return the frames with the object replaced by the median over the frames of the scene."""
-    import numpy as np
-
-    frames = data['frames'].copy()
-    count, rows, cols = frames.shape
-    offset = np.rint(data.get('camera_offset', np.zeros((count, 2)))).astype(int)
-    offset -= offset.min(axis=0)
-    scene = np.full((count, rows + offset[:, 1].max(), cols + offset[:, 0].max()), np.nan, 'f4')
-    for plane, frame, (x, y) in zip(scene, frames, offset):
-        plane[y:y + rows, x:x + cols] = frame
-    scene[:, np.isnan(scene).all(axis=0)] = 0.0
-    median = np.nanmedian(scene, axis=0)
-    if np.issubdtype(frames.dtype, np.integer):
-        median = np.rint(median)
-    boxes = data.get('box_wh', np.full((count, 2), 2 * (PATCH_HALF - PATCH_MARGIN)))
-    for k in np.flatnonzero(np.isfinite(data['truth']).all(axis=1)):
-        (x, y), (left, top) = data['truth'][k].astype(int), offset[k]
-        half = int(np.ceil(np.nanmax(boxes[k]) / 2)) + PATCH_MARGIN
-        part = (slice(max(y - half, 0), y + half + 1), slice(max(x - half, 0), x + half + 1))
-        frames[k][part] = median[top:top + rows, left:left + cols][part]
-    return frames
 
 
 def conditioned(frames: Any) -> tuple[Any, Any, Any]:

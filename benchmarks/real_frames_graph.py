@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One sequence of :mod:`real_frames` through the graph: to a bag, replayed, and read back."""
 
 import json

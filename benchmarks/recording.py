@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Record large frames for a minute and count the lost ones.
 
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from rclpy.publisher import Publisher
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT / 'scripts'), *map(str, sorted((ROOT / 'src').glob('lowsnr_*')))]
+sys.path[:0] = [str(ROOT / 'scripts'), *map(str, sorted((ROOT / 'src').glob('lowsnr*')))]
 TOPIC = '/image_raw'
 DOMAIN = '96'
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A bare round trip of an image between two processes: the reference for times of the graph."""
 
 import argparse

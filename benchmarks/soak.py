@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Run the graph for long, with a fault every few seconds, and see what is left of it.
 

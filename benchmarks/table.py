@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Write a table of the times of detectors and filters, as ratios to the times of references.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Measure the tracker: consistency, errors against an exact filter, Stone Soup, SDT.
 

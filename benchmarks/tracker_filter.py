@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figures of the filter: consistency, mode probabilities and errors against an exact filter."""
 
 from concurrent.futures import Executor

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Simulate detections from the tracker's model; run the tracker and an exact filter on them."""
 
 from collections.abc import Sequence
@@ -10,7 +11,7 @@ from lowsnr_common.core.motion import process_noise_cov
 from lowsnr_common.core.motion import VEL
 from lowsnr_common.core.records import Estimate
 from lowsnr_track.detection_model import DetectionModel
-from lowsnr_track.mmpf import equally_weighted
+from lowsnr_track.particles import equally_weighted
 from lowsnr_track.pda_mmpf import PdaMmpf
 from lowsnr_track.track_management import TrackLife
 from lowsnr_track.tracks import TrackerState
@@ -120,7 +121,8 @@ def prior_track(tracker: PdaMmpf, rng: np.random.Generator) -> Tracks:
     states = rng.multivariate_normal(PRIOR_MEAN, PRIOR_COV, shape)
     modes = rng.integers(tracker.motion.count, size=shape)
     return Tracks(
-        equally_weighted(states, modes), np.array([1.0 - 1e-12]), np.array([1]), np.array([True]))
+        equally_weighted(states, modes), np.array([1.0 - 1e-12]), np.zeros((1, 0)),
+        np.zeros(1), np.array([1]), np.array([True]))
 
 
 def as_record(position: np.ndarray) -> Estimate:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The tracker on declarations of SDT, calibrated to a rate of empty frames with a track.
 
@@ -30,7 +31,7 @@ GATE_M = 1.5
 DETECTOR_ALARMS = 0.1
 TRACK_ALARMS = 0.01
 BLOCK = 20
-ODDS = np.linspace(0.0, 20.0, 401)  # thresholds on the log odds of existence
+ODDS = np.linspace(-4.0, 20.0, 481)  # thresholds on the log odds of existence
 
 
 def measure(

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Compare the tracker with Stone Soup's PDA and multi-model particle filter.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 P_D of a detector for an object that is fainter or brighter than its design SNR.
 
@@ -18,7 +19,7 @@ sys.path[:0] = [str(ROOT / 'scripts'), str(ROOT / 'benchmarks')]
 
 import _environment  # noqa: E402
 from detector_table import BLOCK  # noqa: E402
-from detector_table import block_hits  # noqa: E402
+from detector_table import block_scores  # noqa: E402
 from detector_table import bootstrap  # noqa: E402
 from detector_table import build  # noqa: E402
 from detector_table import METHODS  # noqa: E402
@@ -65,10 +66,11 @@ def hits(method: Any, design_db: float, object_db: float, runs: int, seed: int) 
     detector = build(method, SensorModel(snr_db=design_db), scenario.objects[0].random)
     threshold = calibrated(detector, 0.01, scenario.shape).threshold
     detector = replace(detector, threshold=threshold)
-    return np.concatenate([
-        block_hits(detector, method.lag, scenario, SensorModel(snr_db=object_db), seed, first,
-                   min(BLOCK, runs - first))
-        for first in range(0, runs, BLOCK)])
+    blocks = [
+        block_scores(detector, scenario, SensorModel(snr_db=object_db), seed, first,
+                     min(BLOCK, runs - first))
+        for first in range(0, runs, BLOCK)]
+    return np.concatenate([scores[:, 0] for scores, _ in blocks])
 
 
 def with_interval(values: Any, seed: int) -> str:

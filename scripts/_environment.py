@@ -1,11 +1,15 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Find a Python that has ROS 2 Jazzy, or make one: every script does this first.
 
 1. The running interpreter has ROS 2 and all packages from PyPI: it is used as it is.
 2. It has ROS 2, but lacks packages from PyPI: they are installed in ``.venv``, which also sees
    those of the system.  The system itself is not changed.
-3. It has no ROS 2: all packages that requirements/ locks are installed in ``.venv``, and
+3. It has no ROS 2: the packages that requirements/ locks are installed in ``.venv``, and
    vision_msgs is built there.
+
+What ``colcon build`` installed is used as it is too: rosdep installs what its packages depend on,
+but for some packages that it has no keys of, and those are named.
 
 In cases 2 and 3 the script restarts itself with the interpreter of ``.venv``, which `_venv`
 makes unless it is complete.
@@ -14,6 +18,7 @@ A Python that is too old for the project is left as soon as it imports this modu
 could not compile the rest of a script.  Everything up to that import uses old syntax.
 """
 
+from collections.abc import Iterable
 import contextlib
 from importlib.machinery import EXTENSION_SUFFIXES
 import importlib.util
@@ -27,7 +32,9 @@ from typing import NoReturn
 import _steps
 import _venv
 
-SOURCES = [str(path) for path in sorted((_venv.ROOT / 'src').glob('lowsnr_*'))]
+INSTALLED = not (_venv.ROOT / 'src').is_dir()  # by colcon, into the share of lowsnr_bringup
+SOURCES = [str(path) for path in sorted((_venv.ROOT / 'src').glob('lowsnr*'))]
+EXTRAS = ('bags', 'files', 'study')  # of requirements/, which some commands need
 OLDEST = (3, 11)
 WITH_WHEELS = ('3.12', '3.11', '3.13')  # for which PyPI has ROS 2, the preferred one first
 INDEX = os.path.join(sys.prefix, 'share', 'ament_index')  # of the ROS wheels
@@ -38,7 +45,7 @@ ROS = (
 )
 
 
-def ensure(dev: bool = False) -> None:
+def ensure(extras: 'Iterable[str]' = EXTRAS, dev: bool = False) -> None:
     """
     Return in an interpreter that has all packages; restart the script in it if necessary.
 
@@ -48,32 +55,38 @@ def ensure(dev: bool = False) -> None:
 
     Parameters
     ----------
+    extras : iterable of str
+        Which of `EXTRAS` the script needs.
     dev : bool
         Whether the packages of the tests and linters are needed as well.
 
     """
-    inside = os.path.realpath(sys.prefix) == os.path.realpath(str(_venv.VENV))
+    locks = {'runtime', *extras} | ({'dev'} if dev else set())
+    if INSTALLED:
+        return _check_extras(extras)
     missing = [name for name in ROS if importlib.util.find_spec(name) is None]
-    wanted = {'dev'} if dev else set()
-    if inside:
-        if missing:  # .venv was changed by hand
-            _venv.forget()
-        elif _venv.is_complete(wanted):
+    if os.path.realpath(sys.prefix) == os.path.realpath(str(_venv.VENV)):
+        if not missing and _venv.is_complete(locks):
             if os.path.isdir(INDEX):
                 _venv.give_ros2()
             return _adopt()
+        if missing:  # .venv was changed by hand
+            _venv.forget()
         _restart(sys._base_executable)  # type: ignore[attr-defined]
-    version = '{}.{}'.format(*sys.version_info)
-    if 'rclpy' in missing:
-        base, packages = 'ros', _venv.packages_of(wanted | {'runtime', 'ros'})
+    base = 'ros' if 'rclpy' in missing else 'system {}.{}'.format(*sys.version_info)
+    if base == 'ros':
+        packages, wanted = _venv.packages_of(locks | {'ros'}), locks | {'ros'}
     else:
         _check_ros(missing)
-        locked = _venv.packages_of(wanted | {'runtime'})
-        packages = {name: locked[name] for name in locked if not _is_installed(name)}
+        packages, wanted = _lacking(locks), locks | {base}
         if not packages:
             return _adopt()
-        base, wanted = f'system {version}', wanted | set(packages)
-    wanted.add(base)
+    _use_venv(base, wanted | set(packages), packages)
+
+
+def _use_venv(base: str, wanted: 'set[str]', packages: 'dict[str, str]') -> NoReturn:
+    """Restart the script in ``.venv``, which is made or extended where it is not complete."""
+    version = '{}.{}'.format(*sys.version_info)
     if not _venv.is_complete(wanted):
         if base == 'ros' and version not in WITH_WHEELS:
             _use_another_python()
@@ -81,6 +94,23 @@ def ensure(dev: bool = False) -> None:
     elif version in WITH_WHEELS and not (_venv.VENV / 'lib' / f'python{version}').is_dir():
         _steps.say(f'using .venv, although another Python than {version} made it')
     _restart(str(_venv.PYTHON))
+
+
+def _lacking(locks: 'set[str]') -> 'dict[str, str]':
+    """Return the packages of some locks that are not installed beside ROS 2."""
+    locked = _venv.packages_of(locks)
+    return {name: locked[name] for name in locked if not _is_installed(name)}
+
+
+def _check_extras(extras: 'Iterable[str]') -> None:
+    """End a script that was installed if packages lack that rosdep may not have installed."""
+    if extras:
+        asked = set(_venv.asked_of(extras))
+        lacking = sorted(name for name in _lacking(set(extras)) if name in asked)
+        if lacking:
+            _steps.fail(f'missing: {", ".join(lacking)}; python3 -m pip install '
+                        + ' '.join(lacking), 2)
+    _adopt()
 
 
 def _adopt() -> None:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The options that say how frames and truth in files are read."""
 
 import argparse

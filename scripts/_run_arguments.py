@@ -1,11 +1,18 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command line of ``bringup.py``."""
 
 import argparse
 from pathlib import Path
 
+from _arguments import detector_name
+from _arguments import detectors
 from _arguments import input_path
 from _arguments import number
+from _arguments import override
 from _arguments import Parser
+from _arguments import scenario_name
+from _arguments import scenarios
+from _arguments import SNR_DB
 from _film_arguments import add_film
 from _film_arguments import add_truth
 
@@ -13,7 +20,7 @@ from _film_arguments import add_truth
 def parse_arguments(arguments: list[str]) -> argparse.Namespace:
     """Return the options, named as in RunOptions; ``--help`` and errors end here."""
     parser = Parser(
-        prog='bringup.py', allow_abbrev=False,
+        prog='bringup.py',
         description='Run the whole graph: sensor, detectors, trackers and evaluator, to a table '
         'of scores.',
         epilog='example: python scripts/bringup.py --detector cdt sdt --scenario example3 '
@@ -24,14 +31,44 @@ def parse_arguments(arguments: list[str]) -> argparse.Namespace:
     add_processing(parser)
     add_outputs(parser)
     add_network(parser)
-    return parser.parse_args(arguments)
+    parser.add_argument(
+        '--list', choices=('detectors', 'scenarios', 'parameters'),
+        help='print all names that --detector or --scenario take, or the parameters that --set '
+        'takes of the detectors of the run and of the other nodes, and end')
+    options = parser.parse_args(arguments)
+    if options.list in ('detectors', 'scenarios'):
+        print_names(detectors() if options.list == 'detectors' else scenarios())
+        parser.exit()
+    return options
+
+
+def print_names(described: dict[str, str]) -> None:
+    """Print names and what each is, one a line."""
+    width = max(map(len, described))
+    for name, text in described.items():
+        print(f'{name:<{width}}  {text}')
+
+
+def extras_of(options: argparse.Namespace) -> tuple[str, ...]:
+    """Return which extras of the environment the run needs."""
+    if options.replay or options.camera or options.view:
+        return ('bags', 'files')
+    return ('bags',) if options.record else ()
+
+
+def print_parameters(config: Path, detectors: list[str]) -> None:
+    """Print all parameters that ``--set`` takes, with value, meaning and allowed values."""
+    from lowsnr_bringup.plan.config_files import describe_parameters
+    from lowsnr_bringup.plan.config_files import load_config
+    for name, value, allowed, text in describe_parameters(load_config(config), detectors):
+        print(f'{name} = {value}\n    {text}; {allowed}')
 
 
 def add_frames(parser: argparse.ArgumentParser) -> None:
     """Add the options that say which frames the run has."""
     frames = parser.add_mutually_exclusive_group()
     frames.add_argument(
-        '--scenario', default='example4', metavar='NAME|FILE',
+        '--scenario', type=scenario_name, default='example4', metavar='NAME|FILE',
         help='simulate a scenario: a file of config/scenarios without .yaml, or a path '
         '(default: example4)')
     frames.add_argument(
@@ -41,7 +78,7 @@ def add_frames(parser: argparse.ArgumentParser) -> None:
         '--camera', metavar='TOPIC',
         help='take the frames from a live camera, such as /camera/image_raw, until Ctrl-C')
     parser.add_argument(
-        '--snr', type=number(-30.0), metavar='DB', dest='snr_db',
+        '--snr', type=number(*SNR_DB), metavar='DB', dest='snr_db',
         help='SNR that the object has and that detectors expect [dB] (default: that of the '
         'scenario)')
     parser.add_argument(
@@ -84,11 +121,14 @@ def add_recorded_frames(parser: argparse.ArgumentParser) -> None:
 def add_processing(parser: argparse.ArgumentParser) -> None:
     """Add the options that say which nodes process the frames, and with which parameters."""
     parser.add_argument(
-        '--detector', nargs='+', default=['sdt'], metavar='NAME', dest='detectors',
+        '--detector', nargs='+', type=detector_name, default=['sdt'], metavar='NAME',
+        dest='detectors',
         help='detectors to run side by side on the same frames (default: sdt)')
     parser.add_argument(
-        '--set', action='append', default=[], metavar='NODE.PARAMETER=VALUE', dest='overrides',
-        help='set one parameter of a detector, tracker or any other node; may be repeated')
+        '--set', action='append', type=override, default=[], metavar='NODE.PARAMETER=VALUE',
+        dest='overrides',
+        help='set one parameter of a detector, tracker or any other node, or of all nodes that '
+        'have it, as in all.sensor.noise.model=student_t; may be repeated')
     parser.add_argument(
         '--respawn', action=argparse.BooleanOptionalAction,
         help='restart a node that dies; if it dies again and again, the run ends (default: '
@@ -108,7 +148,15 @@ def add_outputs(parser: argparse.ArgumentParser) -> None:
         help='storage format of the bag (default: mcap)')
     parser.add_argument(
         '--view', action='store_true',
-        help='publish overlay and markers for RViz and Foxglove, see config/lowsnr.rviz')
+        help='show the run live: a page in the browser, and overlay and markers for RViz and '
+        'Foxglove, see config/lowsnr.rviz')
+    parser.add_argument(
+        '--view-port', type=number(1, 65535, whole=True), default=0, metavar='PORT',
+        help='port of the live page on this host, the next ones for further detectors (default: '
+        'the first free one from 8470 on)')
+    parser.add_argument(
+        '--no-browser', action='store_false', dest='browser',
+        help='print the address of the live page and open it nowhere')
 
 
 def add_network(parser: argparse.ArgumentParser) -> None:

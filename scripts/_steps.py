@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Run long commands: a line on the terminal shows their progress, a log keeps their output.
 

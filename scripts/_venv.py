@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Make ``.venv``, and check whether it is complete.
 
@@ -9,6 +10,7 @@ making, and the lock that lets one process at a time do it.
 This file also runs on Pythons older than the project's.
 """
 
+from collections.abc import Iterable
 import contextlib
 import errno
 import hashlib
@@ -34,7 +36,12 @@ LOCKS = ROOT / 'requirements'
 INTERFACES = ROOT / 'interfaces' / 'vision_msgs'
 LOCKED = re.compile(r'^([\w.-]+)==(.*)\n(?: +--hash=.*\n)+', re.MULTILINE)
 BELOW = re.compile(r"python_full_version < '3\.(\d+)'")
-CHECK = 'import numpy, rclpy, scipy, sensor_msgs.msg, tqdm, vision_msgs.msg, yaml'
+# Compiles on all cores what is imported, which pip does on one, and for the packages' tests too.
+CHECK = (
+    'import compileall, re, sys; '
+    "compileall.compile_dir(sys.argv[1], quiet=2, workers=0, rx=re.compile('/tests?/')); "
+    'import numpy, rclpy, scipy, sensor_msgs.msg, tqdm, vision_msgs.msg, yaml')
+BUILD_ONLY = ('cmake', 'ninja', 'scikit-build-core')  # of vision_msgs
 SPACE = 1_600_000_000  # largest size of .venv [bytes]
 
 
@@ -60,6 +67,12 @@ def packages_of(locks: 'set[str]') -> 'dict[str, str]':
             found = LOCKED.finditer(path.read_text(encoding='utf-8'))
             packages.update({entry[1]: entry[0] for entry in found if _is_for_here(entry[2])})
     return packages
+
+
+def asked_of(locks: 'Iterable[str]') -> 'list[str]':
+    """Return the packages that the project itself asks for in some of the files."""
+    texts = ((LOCKS / f'{name}.in').read_text(encoding='utf-8') for name in locks)
+    return [name for text in texts for name in re.findall(r'^[a-z][\w-]*', text, re.MULTILINE)]
 
 
 def _is_for_here(line: str) -> bool:
@@ -97,10 +110,16 @@ def _contents() -> 'set[str]':
 
 def _key() -> str:
     """Return a digest of the files that ``.venv`` is made from and of its place."""
-    digest = hashlib.sha256(f'{ROOT} {os.path.realpath(str(PYTHON))}'.encode())
+    place = f'{ROOT} {os.path.realpath(str(PYTHON))}'.encode()
+    return hashlib.sha256(place + _sources()).hexdigest()
+
+
+def _sources() -> bytes:
+    """Return a digest of the files that ``.venv`` is made from."""
+    digest = hashlib.sha256()
     for path in sorted(LOCKS.glob('*.txt')) + sorted(INTERFACES.rglob('*.*')):
         digest.update(path.read_bytes())
-    return digest.hexdigest()
+    return digest.digest()
 
 
 def make(base: str, wanted: 'set[str]', packages: 'dict[str, str]') -> None:
@@ -160,7 +179,7 @@ def _has_compiler(variable: str, *usual: str) -> bool:
 
 def _take_steps(base: str, wanted: 'set[str]', packages: 'dict[str, str]', log: TextIO) -> None:
     """Make ``.venv``, or extend one of the same base, and write its stamp."""
-    known = _contents() if is_complete({base}) else set()
+    known, sources = _contents() if is_complete({base}) else set(), _sources()
     log.truncate(0)
     if not known:
         _clear(base)
@@ -170,18 +189,35 @@ def _take_steps(base: str, wanted: 'set[str]', packages: 'dict[str, str]', log: 
     steps = _plan(base, not known, f'installing {len(lines)} packages')
     for number, (title, command) in enumerate(steps, 1):
         _steps.run(f'[{number}/{len(steps)}] {title}', command, log, VENV)
+    _link_copies()
+    if _sources() != sources:
+        _steps.fail(f'{LOCKS.name}/ changed meanwhile, as a git pull does: start again', 1)
     stamp = {'key': _key(), 'contents': sorted(known | wanted | set(packages))}
     STAMP.with_suffix('.new').write_text(json.dumps(stamp), encoding='utf-8')
     STAMP.with_suffix('.new').replace(STAMP)
 
 
+def _link_copies() -> None:
+    """Keep one of equal libraries: wheels have no links, so there is a copy for every name."""
+    for path in (VENV / 'lib').glob('*.link'):  # an interrupted start has left it
+        path.unlink()
+    kept: dict[bytes, Path] = {}
+    for path in sorted((VENV / 'lib').glob('*.so*')):
+        first = kept.setdefault(hashlib.sha256(path.read_bytes()).digest(), path)
+        if not first.samefile(path):
+            link = path.with_name(path.name + '.link')
+            with contextlib.suppress(OSError):  # some file systems have no links
+                os.link(str(first), str(link))
+                link.replace(path)
+
+
 def _plan(base: str, fresh: bool, installing: str) -> 'list[tuple[str, list[str]]]':
     """Return titles and commands of the steps."""
     venv = [sys.executable, '-I', '-m', 'venv', str(VENV)]
-    pip = [str(PYTHON), '-I', '-m', 'pip', 'install', '--no-deps']
+    pip = [str(PYTHON), '-I', '-m', 'pip', 'install', '--no-deps', '--no-compile']
     first = pip + ['--require-hashes', '-r', str(VENV / 'first.txt')]
     locked = pip + ['--require-hashes', '-r', str(VENV / 'requirements.txt')]
-    check = ('importing everything', [str(PYTHON), '-c', CHECK])
+    check = ('compiling and importing everything', [str(PYTHON), '-c', CHECK, str(VENV / 'lib')])
     if not fresh:  # over files that an interrupted start has left
         return [(installing, locked + ['--ignore-installed']), check]
     making = 'making the virtual environment'
@@ -191,7 +227,9 @@ def _plan(base: str, fresh: bool, installing: str) -> 'list[tuple[str, list[str]
         (making, venv),
         ('installing what builds packages', first),  # or pip would fetch it, unlocked
         (installing, locked + ['--no-build-isolation']),
-        ('compiling vision_msgs', pip + ['-v', '--no-build-isolation', str(INTERFACES)]),
+        ('building vision_msgs', pip + ['-v', '--no-build-isolation', str(INTERFACES)]),
+        ('removing what only builds',
+         [str(PYTHON), '-I', '-m', 'pip', 'uninstall', '--yes', *BUILD_ONLY]),
         check,
     ]
 

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+# PYTHON_ARGCOMPLETE_OK
 """Run the whole graph: sensor, detectors, trackers and evaluator, to a table of scores."""
 
 import argparse
@@ -6,21 +8,26 @@ from contextlib import ExitStack
 from dataclasses import fields
 import os
 from pathlib import Path
-import shlex
 import shutil
 import sys
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
+from _arguments import command_line
+from _arguments import CONFIG
 from _arguments import INTERRUPTED
+from _arguments import RESULTS
+from _arguments import shown_path
 from _arguments import USAGE
 import _environment
 from _film_arguments import films
+from _run_arguments import extras_of
 from _run_arguments import parse_arguments
+from _run_arguments import print_parameters
 from ros2 import line_to_copy
 
 if TYPE_CHECKING:
-    from lowsnr_bringup.bags.recorded_run import RecordedRun
+    from lowsnr_bringup.plan.recorded_frames import RecordedRun
     from lowsnr_bringup.plan.run_plan import RunPlan
     from lowsnr_bringup.run.forked_nodes import NodeServer
     from lowsnr_bringup.run.results_folder import Account
@@ -28,14 +35,14 @@ if TYPE_CHECKING:
     from lowsnr_detect.calibration.curve import Calibration
     from lowsnr_detect.parts.detector import Detector
 
-ROOT = Path(__file__).resolve().parents[1]
-CONFIG = ROOT / 'config'
-
 
 def main() -> int:
     """Start the server of nodes, which imports while the run is planned, and run."""
-    _environment.ensure()
     options = parse_arguments(sys.argv[1:])
+    _environment.ensure(extras_of(options))
+    if options.list:
+        print_parameters(CONFIG, options.detectors)
+        return 0
     set_environment(options)
     from lowsnr_bringup.run.forked_nodes import NodeServer
     from lowsnr_bringup.run.stop_signals import StopSignals
@@ -48,6 +55,7 @@ def plan_and_run(
     options: argparse.Namespace, stop: 'StopSignals', server: 'NodeServer',
 ) -> int:
     """Plan the run, claim its domain and folder, calibrate, and run; return the exit code."""
+    from lowsnr_bringup.plan.confirmation import confirm_at_rate
     from lowsnr_bringup.run.domain import claim_domain
     from lowsnr_bringup.run.results_folder import fresh_folder
     with ExitStack() as stack:
@@ -57,19 +65,20 @@ def plan_and_run(
             claim = stack.enter_context(claim_domain())
             if options.secure is not None:
                 secure(options.secure, [node.path for node in plan.nodes])
-            folder = fresh_folder(options.results or ROOT / 'results' / plan.name)
+            folder = fresh_folder(options.results or RESULTS / plan.name)
             space = next(iter(plan.detectors)).rpartition('/')[0]
             line = line_to_copy('topic', 'echo', f'{space}/tracks')  # before the nodes' profile
+            say(*confirm_at_rate(plan, say))
             write_parameters(plan, folder)
         except (OSError, ValueError) as error:
             say(str(error))
             return USAGE
-        for note in (*made, *plan.notes):
-            say(note)
+        say(*made, *plan.notes)
         calibrate(plan)
         if plan.frames is None:
             print(f'to see the tracks, in another terminal:\n{line}', flush=True)
-        return run(plan, folder, stop, server, claim.fileno())
+        return run(
+            plan, folder, shown_path(folder, options.results), stop, server, claim.fileno())
 
 
 def set_environment(options: argparse.Namespace) -> None:
@@ -120,29 +129,22 @@ def calibrate_detector(
     warn: Callable[[str], None],
 ) -> 'Calibration':
     """Return the calibration; show the progress if it takes more than half a second."""
-    from lowsnr_bringup.run.progress import progress
+    from lowsnr_bringup.run.progress import calibration_progress
     from lowsnr_detect.calibration.operating_point import calibrated
 
-    shown = 0
-    with progress(f'calibrating {name}', 100, '%', delay_s=0.5, leave=False) as advance:
-        def show(done: float) -> None:
-            nonlocal shown
-            advance(round(100 * done) - shown)
-            shown = round(100 * done)
-
+    with calibration_progress(name, shape, detector.sensor.snr_db) as show:
         return calibrated(detector, prob, shape, progress=show, warn=warn)
 
 
 def write_parameters(plan: 'RunPlan', folder: Path) -> None:
     """Write what every node of the run reads, and reserve room for the summary."""
     from lowsnr_bringup.plan.graph import to_yaml
+    from lowsnr_bringup.run import results_folder
     from lowsnr_bringup.run.middleware import middleware_environment
-    from lowsnr_bringup.run.results_folder import cannot_write
-    from lowsnr_bringup.run.results_folder import PARAMETERS_FILE
     from lowsnr_eval.scoring.final_summary import reserve_summary
     import rclpy
 
-    file = (folder / PARAMETERS_FILE).resolve()
+    file = (folder / results_folder.PARAMETERS_FILE).resolve()
     plan.parameters['/evaluator']['results'] = str(folder.resolve())
     if '/recorder' in plan.parameters:
         plan.parameters['/recorder']['run_parameters'] = str(file)
@@ -152,12 +154,11 @@ def write_parameters(plan: 'RunPlan', folder: Path) -> None:
         file.write_text(to_yaml(plan.parameters), encoding='utf-8')
         reserve_summary(folder, len(plan.detectors))
     except OSError as error:
-        raise cannot_write(folder, error) from None
+        raise results_folder.cannot_write(folder, error) from None
 
 
-def run(
-    plan: 'RunPlan', folder: Path, stop: 'StopSignals', server: 'NodeServer', claim: int,
-) -> int:
+def run(plan: 'RunPlan', folder: Path, shown: str, stop: 'StopSignals', server: 'NodeServer',
+        claim: int) -> int:
     """Start the graph, wait for its end, and present what it scored; return the exit code."""
     from lowsnr_bringup.ros.domain_guard import DomainTaken
     from lowsnr_bringup.ros.supervisor import Supervisor
@@ -173,15 +174,12 @@ def run(
             say(str(error))
             return USAGE
         faults = present(plan, folder, supervisor.account)
-        if faults and supervisor.results.fault:
-            faults.append(supervisor.results.fault)
-        for fault in [*faults, trouble] if trouble else faults:
-            say(fault)
-        print(f'results in {folder}')
+        say(*faults, *filter(None, [supervisor.results.fault if faults else '', trouble]))
+        print(f'results in {shown}')
         status = status or int(bool(faults))
     try:
         if stop.count < 2:
-            present_by_products(plan, folder)
+            present_by_products(plan, folder, shown)
     except KeyboardInterrupt:
         status = status or INTERRUPTED
     return status
@@ -210,36 +208,40 @@ def present(plan: 'RunPlan', folder: Path, account: 'Account') -> list[str]:
     return faults
 
 
-def present_by_products(plan: 'RunPlan', folder: Path) -> None:
-    """Print what was recorded, and write the report."""
+def present_by_products(plan: 'RunPlan', folder: Path, shown: str) -> None:
+    """Print what was recorded, add the metrics of tracks, and write the report."""
     from lowsnr_bringup.run.results_folder import SUMMARY_FILE
+    from lowsnr_eval.report.table import false_track_lines
+    from lowsnr_eval.track_metrics.run_metrics import add_track_metrics
 
     if '/recorder' in plan.parameters:
-        from lowsnr_bringup.bags.recording import bags_of_run
-        from lowsnr_bringup.bags.recording import summarize_recording
-        for bag in bags_of_run(Path(plan.parameters['/recorder']['bag'])):
-            print(summarize_recording(bag))
+        from lowsnr_bringup.bags import recording
+        for bag in recording.bags_of_run(Path(plan.parameters['/recorder']['bag'])):
+            print(recording.summarize_recording(bag))
     if (folder / SUMMARY_FILE).is_file():
-        report(folder)
+        say(*add_track_metrics(folder))
+        print(*false_track_lines(folder), sep='', end='')
+        report(folder, shown)
 
 
-def report(folder: Path) -> None:
+def report(folder: Path, shown: str) -> None:
     """Write the page that shows the run; scores do not depend on it."""
     from lowsnr_common.settings.text import one_line
     from lowsnr_eval.report.run_report import write_run_report
 
-    command = shlex.join(['python', 'scripts/bringup.py', *sys.argv[1:]])
+    command = command_line('bringup', sys.argv[1:])
     try:
-        print(f'report: {write_run_report(folder, command)}')
+        print(f'report: {os.path.join(shown, write_run_report(folder, command).name)}')
     except (OSError, ValueError) as error:
         say(f'no report: {one_line(error)}')
 
 
-def say(text: str) -> None:
-    """Print one line for the user, apart from the table of scores."""
+def say(*texts: str) -> None:
+    """Print lines for the user, apart from the table of scores."""
     from lowsnr_common.settings.text import printable_lines
 
-    print(f'bringup.py: {printable_lines(text)}', file=sys.stderr)
+    for text in texts:
+        print(f'bringup.py: {printable_lines(text)}', file=sys.stderr)
 
 
 if __name__ == '__main__':

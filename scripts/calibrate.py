@@ -1,16 +1,22 @@
+# SPDX-License-Identifier: Apache-2.0
+# PYTHON_ARGCOMPLETE_OK
 """Calibrate detectors to false-alarm probabilities, and keep the curves for later starts."""
 
 import argparse
 import sys
 from typing import TYPE_CHECKING
 
+from _arguments import CONFIG
+from _arguments import detector_name
 from _arguments import INTERRUPTED
 from _arguments import number
+from _arguments import override
 from _arguments import Parser
+from _arguments import scenario_name
+from _arguments import SNR_DB
 from _arguments import USAGE
 import _environment
 from bringup import calibrate_detector
-from bringup import CONFIG
 
 if TYPE_CHECKING:
     from lowsnr_detect.parts.detector import Detector
@@ -25,19 +31,19 @@ def parse_arguments(arguments: list[str]) -> argparse.Namespace:
         prog='calibrate.py', description=__doc__ + '  A detector that starts with the same '
         'settings reads its curve from the cache; if there is none, it calibrates at its start.  '
         'A running detector reads it when its settings are changed.',
-        allow_abbrev=False,
         epilog='example: python scripts/calibrate.py --detector sdt mmtbd2 --snr 3 6 9; exit '
         'code: 0 done, 1 failed, 2 usage or configuration error, 130 after Ctrl-C')
     parser.add_argument(
-        '--detector', nargs='+', metavar='NAME', help='detectors (default: all)')
+        '--detector', nargs='+', type=detector_name, metavar='NAME',
+        help='detectors (default: all)')
     parser.add_argument(
-        '--scenario', default='example4', metavar='NAME|FILE',
+        '--scenario', type=scenario_name, default='example4', metavar='NAME|FILE',
         help='scenario that gives frame size and SNR (default: example4)')
     parser.add_argument(
-        '--snr', nargs='+', type=number(-30.0), metavar='DB', default=[None],
+        '--snr', nargs='+', type=number(*SNR_DB), metavar='DB', default=[None],
         help="SNRs that the detectors are designed for [dB] (default: the scenario's)")
     parser.add_argument(
-        '--false-alarm-prob', nargs='+', type=number(0.0, above=True), metavar='P',
+        '--false-alarm-prob', nargs='+', type=number(0.0, 1.0, above=True), metavar='P',
         default=[None], help='fractions of empty frames with any declaration (default: that of '
         'config/detectors.yaml)')
     parser.add_argument(
@@ -46,15 +52,15 @@ def parse_arguments(arguments: list[str]) -> argparse.Namespace:
         '--cols', type=number(1, whole=True), metavar='N',
         help="columns (default: the scenario's)")
     parser.add_argument(
-        '--set', action='append', default=[], metavar='DETECTOR.PARAMETER=VALUE',
-        dest='overrides', help='set one parameter of a detector; may be repeated')
+        '--set', action='append', type=override, default=[], metavar='DETECTOR.PARAMETER=VALUE',
+        dest='overrides', help='set one parameter of a detector, or of all; may be repeated')
     return parser.parse_args(arguments)
 
 
 def main() -> int:
     """Calibrate; return the exit code."""
-    _environment.ensure()
     options = parse_arguments(sys.argv[1:])
+    _environment.ensure(())
     try:
         cases = [
             case for snr_db in options.snr for prob in options.false_alarm_prob

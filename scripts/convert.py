@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+# PYTHON_ARGCOMPLETE_OK
 """Make a bag from real frames: FITS, TIFF, SER, NumPy or image files, a folder, or a video."""
 
 import argparse
@@ -21,9 +23,9 @@ from _film_arguments import reading
 def parse_arguments(arguments: list[str]) -> argparse.Namespace:
     """Return the options; ``--help`` and errors end here."""
     parser = Parser(
-        prog='convert.py', allow_abbrev=False, description=__doc__ + '  Pixels are stored as '
+        prog='convert.py', description=__doc__ + '  Pixels are stored as '
         'they are: unsigned 8 and 16 bits as mono8 and mono16, all others as 32FC1; colour '
-        'becomes grey.  The README lists the formats.',
+        'becomes grey.  docs/real_frames.md lists the formats.',
         epilog='An .npz holds frames [T, H, W] and, if known, truth [T, 2] (x, y in pixels, '
         'NaN for absent) and t_s [T]. example: python scripts/convert.py night.npz --out '
         'bags/night; exit code: 0 done, 2 usage error or unusable frames, 130 after Ctrl-C')
@@ -47,8 +49,8 @@ def parse_arguments(arguments: list[str]) -> argparse.Namespace:
 
 def main() -> int:
     """Convert; return the exit code."""
-    _environment.ensure()
     options = parse_arguments(sys.argv[1:])
+    _environment.ensure(('bags', 'files'))
     from lowsnr_bringup.formats.image_files import open_frames
     from lowsnr_bringup.ros.film_bag import write_film
     from lowsnr_common.settings.text import printable

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+# PYTHON_ARGCOMPLETE_OK
 """Score a recorded run against its truth, or complete the results of a run that was killed."""
 
 import argparse
@@ -5,16 +7,21 @@ from collections.abc import Iterator
 from contextlib import closing
 from contextlib import contextmanager
 from dataclasses import replace
+import json
+import os
 from pathlib import Path
-import shlex
 import sys
 from tempfile import TemporaryDirectory
 from typing import Any
 from typing import TYPE_CHECKING
 
+from _arguments import command_line
+from _arguments import CONFIG
 from _arguments import input_path
 from _arguments import INTERRUPTED
 from _arguments import Parser
+from _arguments import RESULTS
+from _arguments import shown_path
 from _arguments import USAGE
 import _environment
 
@@ -23,18 +30,16 @@ if TYPE_CHECKING:
     from lowsnr_bringup.run.frame_ledger import FrameLedger
     from lowsnr_eval.scoring.recorded_chains import RecordedChains
 
-ROOT = Path(__file__).resolve().parents[1]
-CONFIG = ROOT / 'config'
 DONE, FAILED = 0, 1
 
 
 def parse_arguments(arguments: list[str]) -> argparse.Namespace:
     """Return the options; ``--help`` and errors end here."""
     parser = Parser(
-        prog='evaluate.py', description=__doc__, allow_abbrev=False,
+        prog='evaluate.py', description=__doc__,
         epilog='example: python scripts/evaluate.py bags/monday; it starts no node; exit code: 0 '
-        'done, 1 frames of the run are missing, 2 usage error or a bag that cannot be scored, '
-        '130 after Ctrl-C')
+        'done, 1 frames, metrics or paths of the run are missing, 2 usage error or a bag that '
+        'cannot be scored, 130 after Ctrl-C')
     parser.add_argument(
         'bag', type=input_path, metavar='BAG',
         help='folder of a rosbag2 bag, or a file; or the results folder of a run, which gets the '
@@ -52,38 +57,46 @@ def parse_arguments(arguments: list[str]) -> argparse.Namespace:
         '--export', type=Path, metavar='DIR',
         help='write what was declared, detections.csv and tracks.csv, into this folder, and '
         'nothing else')
+    parser.add_argument(
+        '--smooth', action='store_true',
+        help='write the smoothed path of each track into smoothed.csv of the results, and show '
+        'its errors beside those of the track')
     return parser.parse_args(arguments)
 
 
 def main() -> int:
     """Score; return the exit code."""
-    _environment.ensure()
     options = parse_arguments(sys.argv[1:])
-    from lowsnr_bringup.run.results_folder import FRAMES_FILE
+    _environment.ensure(() if (options.bag / 'frames.csv').is_file() else ('bags', 'files'))
     from lowsnr_common.settings.text import one_line
     from lowsnr_eval.scoring.final_summary import missing_frames
-    from lowsnr_eval.scoring.final_summary import summarize_folder
+    from lowsnr_eval.track_metrics.run_metrics import add_track_metrics
     try:
         if options.export is not None:
-            if options.results is not None:
-                raise ValueError('--results: --export writes nothing but its tables; leave it out')
             export(options)
             return DONE
-        if (options.bag / FRAMES_FILE).is_file():
-            folder = options.bag
-            if options.results or options.frames_topic or options.truth_topic:
-                raise ValueError(f'{folder}: is a results folder; options are for bags')
-            summary = summarize_folder(folder)
-        else:
-            folder, summary = score(options)
+        folder, summary = summarized(options)
     except (OSError, ValueError) as error:
         print(f'evaluate.py: {one_line(error)}', file=sys.stderr)
         return USAGE
-    report(folder, summary)
-    missing = missing_frames(summary['frames'])
-    for line in missing:
+    missing = missing_frames(summary['frames']) + add_track_metrics(folder)
+    smoothed, faults = smooth(folder, summary) if options.smooth else ([], [])
+    report(folder, shown_path(folder, options.results), smoothed)
+    for line in missing + faults:
         print(f'evaluate.py: {line}', file=sys.stderr)
-    return FAILED if missing else DONE
+    return FAILED if missing or faults else DONE
+
+
+def summarized(options: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
+    """Summarize a results folder, or score a bag; return the folder and its summary."""
+    from lowsnr_bringup.run.results_folder import FRAMES_FILE
+    from lowsnr_eval.scoring.final_summary import summarize_folder
+
+    if not (options.bag / FRAMES_FILE).is_file():
+        return score(options)
+    if options.results or options.frames_topic or options.truth_topic:
+        raise ValueError(f'{options.bag}: is a results folder; options are for bags')
+    return options.bag, summarize_folder(options.bag)
 
 
 def score(options: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
@@ -97,7 +110,7 @@ def score(options: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
 
     with chains_of(options) as (bag, chains):
         folder = fresh_folder(
-            options.results or ROOT / 'results' / f'{options.bag.resolve().stem}-evaluated')
+            options.results or RESULTS / f'{options.bag.resolve().stem}-evaluated')
         if CUSTOM_PARAMETERS in bag.custom:
             (folder / PARAMETERS_FILE).write_text(bag.custom[CUSTOM_PARAMETERS], encoding='utf-8')
         ledger = write_tables(bag, chains, folder)
@@ -112,6 +125,9 @@ def export(options: argparse.Namespace) -> None:
     from lowsnr_bringup.run.results_folder import DETECTIONS_FILE
     from lowsnr_bringup.run.results_folder import TRACKS_FILE
 
+    for name in ('results', 'smooth'):
+        if getattr(options, name):
+            raise ValueError(f'--{name}: --export writes nothing but its tables; leave it out')
     tables = [options.export / name for name in (DETECTIONS_FILE, TRACKS_FILE)]
     for path in tables:
         if path.exists():
@@ -152,17 +168,35 @@ def write_tables(bag: 'Bag', chains: 'RecordedChains', folder: Path) -> 'FrameLe
     return scorer.ledger
 
 
-def report(folder: Path, summary: dict[str, Any]) -> None:
+def smooth(folder: Path, summary: dict[str, Any]) -> tuple[list[str], list[str]]:
+    """Write the smoothed paths of a results folder; return their errors, or why there are none."""
+    from lowsnr_bringup.plan.config_files import load_config
+    from lowsnr_common.settings.text import one_line
+    from lowsnr_eval.smoothing.error_table import format_errors
+    from lowsnr_eval.smoothing.smoothed_table import write_smoothed
+
+    try:
+        errors = write_smoothed(folder, summary, load_config(CONFIG))
+    except (OSError, ValueError) as error:
+        return [], [f'no smoothed paths: {one_line(error)}']
+    return [format_errors(errors, summary['evaluation'])], []
+
+
+def report(folder: Path, shown: str, smoothed: list[str]) -> None:
     """Print the figures and write the page that shows the run."""
+    from lowsnr_bringup.run.results_folder import SUMMARY_FILE
     from lowsnr_common.settings.text import one_line
     from lowsnr_eval.report.run_report import write_run_report
     from lowsnr_eval.report.table import format_table
+    from lowsnr_eval.track_metrics.metrics_table import format_metrics
 
-    print(format_table(summary))
-    print(f'results in {folder}')
-    command = shlex.join(['python', 'scripts/evaluate.py', *sys.argv[1:]])
+    summary = json.loads((folder / SUMMARY_FILE).read_text('utf-8'))
+    print('\n\n'.join(filter(None, [
+        format_table(summary), format_metrics(summary), *smoothed])))
+    print(f'results in {shown}')
+    command = command_line('evaluate', sys.argv[1:])
     try:
-        print(f'report: {write_run_report(folder, command)}')
+        print(f'report: {os.path.join(shown, write_run_report(folder, command).name)}')
     except (OSError, ValueError) as error:
         print(f'evaluate.py: no report: {one_line(error)}', file=sys.stderr)
 

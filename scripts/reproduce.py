@@ -1,16 +1,23 @@
+# SPDX-License-Identifier: Apache-2.0
+# PYTHON_ARGCOMPLETE_OK
 """Reproduce Section VI by Monte Carlo: draw its figures and test every claim."""
 
 import argparse
 from collections.abc import Callable
 import os
 from pathlib import Path
-import shlex
 import sys
 from typing import Any
 from typing import TYPE_CHECKING
 
+from _arguments import command_line
+from _arguments import CONFIG
+from _arguments import detector_name
 from _arguments import INTERRUPTED
+from _arguments import number
 from _arguments import Parser
+from _arguments import RESULTS
+from _arguments import SNR_DB
 from _arguments import USAGE
 import _environment
 
@@ -21,37 +28,37 @@ if TYPE_CHECKING:
     from lowsnr_eval.study.workers import TlsFiles
     from lowsnr_eval.study.workers import Workers
 
-ROOT = Path(__file__).resolve().parents[1]
-CONFIG = ROOT / 'config'
 DONE, FAILED = 0, 1
 
 
 def parse_arguments(arguments: list[str]) -> argparse.Namespace:
     """Return the options; ``--help`` and errors end here."""
     parser = Parser(
-        prog='reproduce.py', description=__doc__, allow_abbrev=False,
+        prog='reproduce.py', description=__doc__,
         epilog='example: python scripts/reproduce.py --example 3 --runs 100; exit code: 0 done, '
         '1 failed, 2 usage error, 130 after Ctrl-C (finished runs are kept, --resume continues)')
     examples = parser.add_mutually_exclusive_group(required=True)
-    examples.add_argument('--example', type=int, metavar='N', help='example of the paper, 1 to 6')
+    examples.add_argument('--example', type=number(1, 6, whole=True), metavar='N',
+                          help='example of the paper, 1 to 6')
     examples.add_argument('--all', action='store_true', help='all examples')
-    parser.add_argument('--runs', type=int, default=100, metavar='R',
+    parser.add_argument('--runs', type=number(1, whole=True), default=100, metavar='R',
                         help='Monte Carlo runs at each SNR (default: 100)')
-    parser.add_argument('--snr', type=float, nargs='+', metavar='DB',
+    parser.add_argument('--snr', type=number(*SNR_DB), nargs='+', metavar='DB',
                         help="SNRs [dB] (default: the paper's)")
-    parser.add_argument('--detectors', nargs='+', metavar='NAME', help='(default: all)')
-    parser.add_argument('--seed', type=int, default=0, metavar='N', help='(default: 0)')
+    parser.add_argument('--detector', nargs='+', type=detector_name, metavar='NAME',
+                        dest='detectors', help='detectors to compare (default: all)')
+    parser.add_argument('--seed', type=number(0, whole=True), default=0, metavar='N',
+                        help='(default: 0)')
     where = parser.add_mutually_exclusive_group()
-    where.add_argument('--jobs', type=int, metavar='J',
+    where.add_argument('--jobs', type=number(1, whole=True), metavar='J',
                        help='number of local processes (default: one for each core)')
-    where.add_argument('--scheduler', metavar='ADDRESS',
-                       help='run on the workers of this dask scheduler, HOST:PORT; on another '
-                       'machine it needs TLS')
+    where.add_argument('--scheduler', metavar='ADDRESS', help='run on the workers of this dask '
+                       'scheduler, HOST:PORT; on another machine it needs TLS')
     for name, what in (('ca', 'certificate of the authority'), ('cert', 'own certificate'),
                        ('key', 'own key')):
         parser.add_argument(f'--tls-{name}', type=Path, metavar='PEM',
                             help=f'{what} for the connection to the scheduler')
-    parser.add_argument('--results', type=Path, default=ROOT / 'results', metavar='DIR',
+    parser.add_argument('--results', type=Path, default=RESULTS, metavar='DIR',
                         help='folder for the folders exampleN (default: results)')
     parser.add_argument('--resume', action='store_true',
                         help='continue an interrupted study, with the same settings and code')
@@ -60,7 +67,8 @@ def parse_arguments(arguments: list[str]) -> argparse.Namespace:
 
 def main() -> int:
     """Run the command; return the exit code."""
-    _environment.ensure()
+    parse_arguments(sys.argv[1:])  # which names what is wrong before anything is installed
+    _environment.ensure(('study',))
     return reproduce(sys.argv[1:])
 
 
@@ -70,13 +78,12 @@ def reproduce(arguments: list[str]) -> int:
     from lowsnr_eval.study.study_folder import check_folder
     from lowsnr_eval.study.workers import workers
     try:
-        check(options)
         studies = plan(options)
         for study in studies:
             check_folder(options.results / study.example.scenario, study, options.resume)
         jobs = options.jobs or len(os.sched_getaffinity(0))
         with workers(jobs, options.scheduler, log, tls_files(options)) as found:
-            command = shlex.join(['python', 'scripts/reproduce.py', *arguments])
+            command = command_line('reproduce', arguments)
             return run(found, studies, options, command)
     except ValueError as error:
         print(f'reproduce.py: {error}', file=sys.stderr)
@@ -85,14 +92,6 @@ def reproduce(arguments: list[str]) -> int:
         print(f'reproduce.py: {error.filename or options.results}: {error.strerror or error}; '
               'finished runs are kept, --resume continues', file=sys.stderr)
         return FAILED
-
-
-def check(options: argparse.Namespace) -> None:
-    """Reject numbers that no study can have."""
-    for name, least in (('jobs', 1), ('seed', 0)):
-        value = getattr(options, name)
-        if value is not None and value < least:
-            raise ValueError(f'--{name} {value}: must be at least {least}')
 
 
 def tls_files(options: argparse.Namespace) -> 'TlsFiles | None':

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """The ros2 command: that of an installed ROS 2 where there is one, otherwise a small one."""
 
 import os
@@ -24,7 +25,7 @@ def main() -> int:
     installed = installed_command()
     if installed is not None:
         os.execve(installed, [installed, *sys.argv[1:]], _steps.environ())
-    _environment.ensure()
+    _environment.ensure(('bags', 'files') if sys.argv[1:2] in (['bag'], ['run']) else ())
     from lowsnr_bringup.cli.ros.command import main as run
     return run()
 

@@ -1,4 +1,6 @@
-"""Run every linter and every test."""
+# SPDX-License-Identifier: Apache-2.0
+# PYTHON_ARGCOMPLETE_OK
+"""Run every linter and every test, and build the manual."""
 
 import argparse
 from collections.abc import Iterator
@@ -14,18 +16,26 @@ import tempfile
 import time
 from typing import IO
 
+from _arguments import did_you_mean
+from _arguments import INTERRUPTED
+from _arguments import Parser
+from _arguments import USAGE
 import _environment
+import manual
 
 ROOT = Path(__file__).resolve().parents[1]
+OURS = ('scripts', 'src', 'test', 'docs/conf.py', 'docs/extensions')
 LINTERS = {
     'ruff': ['ruff', 'check', '--quiet'],
     'mypy': ['mypy', '--no-error-summary'],
-    'ament_flake8': ['ament_flake8.main', 'scripts', 'src', 'test'],
-    'ament_pep257': ['ament_pep257.main', 'scripts', 'src', 'test'],
+    'ament_flake8': ['ament_flake8.main', *OURS],
+    'ament_pep257': ['ament_pep257.main', *OURS],
 }
+MANUAL = {'manual': manual.BUILD}
 FILE_LISTS = ('checking ', 'Checked files:', '* ')  # what the ament linters print for every file
-PACKAGES = sorted(path.name for path in (ROOT / 'src').glob('lowsnr_*'))
-DONE, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
+PACKAGES = sorted(path.name for path in (ROOT / 'src').glob('lowsnr*'))
+DONE, FAILED = 0, 1
+ALIKE = 0.82  # of a misspelt option of this command; options of pytest are less like them
 # What pytest.main returns, where it is neither 0 nor a failure of ours.
 EXIT_CODES = {0: DONE, 2: INTERRUPTED, 4: USAGE}
 # Tests of the graph wait for other processes about as long as they compute.
@@ -34,13 +44,13 @@ WORKERS_PER_CORE = 1.5
 
 def main() -> int:
     """Check everything, also after a failure; return the exit code."""
-    options, pytest_args = parse_arguments()
+    options, pytest_args = parse_arguments(sys.argv[1:])
     _environment.ensure(dev=True)
     os.chdir(ROOT)
     # The tests stop the processes they started however they end: let SIGTERM unwind them too.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     start = time.monotonic()
-    with started_linters() as linters:
+    with started_linters(checks(pytest_args)) as linters:
         results = {'pytest': run_tests(pytest_arguments(options) + pytest_args)}
         if results['pytest'] == INTERRUPTED:
             print('== interrupted')
@@ -52,13 +62,13 @@ def main() -> int:
     return max(results.values())
 
 
-def parse_arguments() -> tuple[argparse.Namespace, list[str]]:
+def parse_arguments(arguments: list[str]) -> tuple[argparse.Namespace, list[str]]:
     """Return the options of this command and the arguments for pytest; ``--help`` ends here."""
-    parser = argparse.ArgumentParser(
-        allow_abbrev=False,
+    parser = Parser(
+        prog='test.py',
         description='Run ruff, mypy, ament_flake8, ament_pep257 and, at the same time, the tests '
-        'in parallel processes. Other arguments go to pytest; paths are relative to the '
-        'repository.',
+        'in parallel processes, and build the manual. Other arguments go to pytest, and the '
+        'manual is not built; paths are relative to the repository.',
         epilog='example: python scripts/test.py test/detect -k sdt -n0; -n0 runs the tests in one '
         'process, as a debugger needs it. '
         'Exit code: 0 all passed, 1 something failed, 2 usage error, 130 after Ctrl-C',
@@ -70,7 +80,12 @@ def parse_arguments() -> tuple[argparse.Namespace, list[str]]:
         '--coverage', action='store_true',
         help='print the share of lines of each package that the tests run; it takes about half '
         'as long again')
-    return parser.parse_known_args()
+    parser.complete_words()
+    options, others = parser.parse_known_args(arguments)
+    for word in others:
+        if did_you_mean(word, ('--slow', '--coverage', '--version'), ALIKE):
+            parser.check_option(word)
+    return options, others
 
 
 def pytest_arguments(options: argparse.Namespace) -> list[str]:
@@ -87,6 +102,11 @@ def pytest_arguments(options: argparse.Namespace) -> list[str]:
     if options.coverage or options.slow:
         arguments += ['--cov', '--cov-report=']  # of the packages that pyproject.toml names
     return arguments
+
+
+def checks(pytest_args: list[str]) -> dict[str, list[str]]:
+    """Return what runs beside the tests; whoever names some tests waits for no manual."""
+    return LINTERS if pytest_args else LINTERS | MANUAL
 
 
 @dataclass
@@ -109,18 +129,24 @@ class Linter:
 
 
 @contextlib.contextmanager
-def started_linters() -> Iterator[list[Linter]]:
-    """Start all linters; those that still run are killed at the end of the block."""
+def started_linters(commands: dict[str, list[str]]) -> Iterator[list[Linter]]:
+    """Start commands; at the end of the block they are killed, with what they started."""
     with contextlib.ExitStack() as stack:
         linters = []
-        for name, words in LINTERS.items():
+        for name, words in commands.items():
             output = stack.enter_context(tempfile.TemporaryFile('w+'))
             process = stack.enter_context(subprocess.Popen(
                 [sys.executable, '-m', *words], stdout=output, stderr=subprocess.STDOUT,
-                text=True))
-            stack.callback(process.kill)
+                text=True, start_new_session=True))
+            stack.callback(kill_session, process)
             linters.append(Linter(name, process, output))
         yield linters
+
+
+def kill_session(process: subprocess.Popen[str]) -> None:
+    """Kill a command that leads a session; nodes of a graph follow their bring-up."""
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
 
 
 def run_tests(arguments: list[str]) -> int:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What every test may ask for, and the order in which parallel workers take the tests."""
 
 from collections.abc import Callable
@@ -20,9 +21,9 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 _FIRST = ('system', 'ros', 'scripts', 'fuzz')
 # Files whose tests share a graph or another costly fixture: one worker runs all of a unit.
 _UNITS = {f'{name}.py': name for name in (
-    'test_evaluate', 'test_faults', 'test_hangs', 'test_layouts', 'test_main_job',
-    'test_record_replay', 'test_reproduce', 'test_respawn', 'test_ros2_command',
-    'test_shared_memory', 'test_stalls', 'test_view', 'test_who_gets_in')}
+    'test_evaluate', 'test_faults', 'test_graph_is_core', 'test_hangs', 'test_installed',
+    'test_layouts', 'test_main_job', 'test_record_replay', 'test_reproduce', 'test_respawn',
+    'test_ros2_command', 'test_shared_memory', 'test_stalls', 'test_view', 'test_who_gets_in')}
 _UNITS |= {'test_topics.py': 'published', 'test_tracks.py': 'published'}
 
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The rules every module keeps; each rule is also shown to catch what it forbids."""
 
 import ast
@@ -19,8 +20,11 @@ MAY_IMPORT: dict[str, set[str]] = {
     'lowsnr_bringup': {'lowsnr_common', 'lowsnr_sensor', 'lowsnr_detect', 'lowsnr_track'},
     'lowsnr_eval': {
         'lowsnr_common', 'lowsnr_sensor', 'lowsnr_detect', 'lowsnr_track', 'lowsnr_bringup'},
+    'lowsnr': {
+        'lowsnr_common', 'lowsnr_sensor', 'lowsnr_detect', 'lowsnr_track', 'lowsnr_bringup'},
 }
 SEEDED = {'default_rng', 'Generator', 'SeedSequence'}
+SPDX = '# SPDX-License-Identifier: Apache-2.0\n'
 MODULE_LINES = 250
 FUNCTION_LINES = 30
 FOLDER_MODULES = 15
@@ -115,7 +119,7 @@ def named_exceptions(module: Module) -> Iterator[str]:
 
 
 def size(module: Module) -> Iterator[str]:
-    lines = len(module.source.splitlines())
+    lines = len(module.source.splitlines()) - module.source.count(SPDX)  # beside the code
     if lines > MODULE_LINES:
         yield f'{lines} lines, at most {MODULE_LINES}'
     for node in module.functions():
@@ -190,6 +194,7 @@ BAD = [
     (one_direction, 'lowsnr_track.mmpf', 'import lowsnr_eval'),
     (one_direction, 'lowsnr_bringup.plan.graph', 'from lowsnr_eval.scoring import metrics'),
     (one_direction, 'lowsnr_common.core.motion', 'import lowsnr_sensor.scenario'),
+    (one_direction, 'lowsnr_eval.scoring.metrics', 'import lowsnr'),
     (privacy, CORE, 'from lowsnr_common.settings.declare import _convert'),
     (privacy, CORE, 'import numpy._core'),
     (handed_in_randomness, CORE, 'import random'),

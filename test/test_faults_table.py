@@ -1,4 +1,5 @@
-"""The README's table of what can happen: every row names a test, and the test is there."""
+# SPDX-License-Identifier: Apache-2.0
+"""Every row of the table of what can happen, in docs/operations.md, names a test that is there."""
 
 import ast
 from pathlib import Path
@@ -11,7 +12,7 @@ TEST = re.compile(r'`(test_\w+\.py)::(test_\w+)`')
 
 def rows():
     """Return the cells of every row of the table."""
-    table = (ROOT / 'README.md').read_text().split(HEADER)[1].split('\n\n')[0]
+    table = (ROOT / 'docs' / 'operations.md').read_text().split(HEADER)[1].split('\n\n')[0]
     return [[cell.strip() for cell in line.strip('|').split('|')]
             for line in table.splitlines()[2:]]
 

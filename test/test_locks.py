@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Everything that is installed is locked, to a version and to the digests of its files."""
 
 from importlib import metadata
@@ -40,6 +41,13 @@ def test_every_requirement_has_version_and_digests(path):
     assert unpinned(path.read_text(encoding='utf-8')) == ''
 
 
+def test_cluster_page_names_the_locks_that_workers_need():
+    page = (ROOT / 'docs' / 'cluster.md').read_text(encoding='utf-8')
+    named = _venv.packages_of(set(re.findall(r'-r requirements/(\w+)\.txt', page)))
+    assert named == _venv.packages_of({'runtime', 'study'})
+    assert {'dask', 'distributed'} <= set(named)
+
+
 @pytest.mark.parametrize('line', [
     'tqdm', 'tqdm>=4', 'tqdm==4.70.1\n', 'tqdm==4.70.1 \\\n    --hash=md5:00\n',
     'tqdm @ https://example.org/tqdm.whl', '--index-url https://example.org', '-e .',
@@ -52,7 +60,7 @@ def test_requirement_without_them_is_seen(line):
 
 def test_what_is_installed_is_what_the_locks_say():
     locked = {canonical(name): re.match(r'.+==([^ ]+)', text)[1]
-              for name, text in _venv.packages_of({'runtime', 'ros', 'dev'}).items()}
+              for name, text in _venv.packages_of({path.stem for path in LOCKS}).items()}
     found = {name: version for name, version in installed().items() if name in locked}
     assert found
     assert found == {name: locked[name] for name in found}

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What no source may do: run text as code, unpickle, load YAML that makes objects, use a shell."""
 
 import ast

@@ -1,25 +1,28 @@
+# SPDX-License-Identifier: Apache-2.0
 from pathlib import Path
 import re
+from xml.etree import ElementTree
 
 from setuptools import find_packages
 from setuptools import setup
 
-package_name = 'lowsnr_detect'
+here = Path(__file__).parent
+manifest = ElementTree.parse(here / 'package.xml').getroot()
+package_name = manifest.findtext('name')
 # A detector is one file: its node's entry point follows from how it registers itself there.
-files = (Path(__file__).parent / package_name / 'detectors').glob('*.py')
 detectors = sorted(
-    name for file in files
+    name for file in (here / package_name / 'detectors').glob('*.py')
     for name in re.findall(r"^@?register\('(\w+)'", file.read_text('utf-8'), re.MULTILINE))
 
 setup(
     name=package_name,
-    version='0.1.0',
-    description='Sections III, IV-A and V: detectors, calibration, detector node.',
-    license='Apache-2.0',
-    maintainer='lowsnr maintainers',
-    maintainer_email='maintainers@lowsnr.example',
+    version=manifest.findtext('version'),
+    description=manifest.findtext('description'),
+    license=manifest.findtext('license'),
+    maintainer=manifest.findtext('maintainer'),
+    maintainer_email=manifest.find('maintainer').get('email'),
     packages=find_packages(exclude=['test']),
-    package_data={package_name: ['py.typed']},
+    package_data={package_name: ['py.typed', 'calibration/curves/*.json']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml']),

@@ -1,15 +1,21 @@
+# SPDX-License-Identifier: Apache-2.0
+from pathlib import Path
+from xml.etree import ElementTree
+
 from setuptools import find_packages
 from setuptools import setup
 
-package_name = 'lowsnr_eval'
+here = Path(__file__).parent
+manifest = ElementTree.parse(here / 'package.xml').getroot()
+package_name = manifest.findtext('name')
 
 setup(
     name=package_name,
-    version='0.1.0',
-    description='Section VI: scoring, Monte Carlo studies and reports.',
-    license='Apache-2.0',
-    maintainer='lowsnr maintainers',
-    maintainer_email='maintainers@lowsnr.example',
+    version=manifest.findtext('version'),
+    description=manifest.findtext('description'),
+    license=manifest.findtext('license'),
+    maintainer=manifest.findtext('maintainer'),
+    maintainer_email=manifest.find('maintainer').get('email'),
     packages=find_packages(exclude=['test']),
     package_data={package_name: ['py.typed', 'report/assets/*']},
     data_files=[

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The frames of bags of other programs: encodings, compressed images, stamps, ROS 1."""
 
 import cv2

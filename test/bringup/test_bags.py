@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bags that are written here, read by our reader and by others."""
 
 import itertools

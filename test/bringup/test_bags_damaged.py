@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Damaged bags are read up to the damage; files that are no bag are rejected by name."""
 
 from pathlib import Path

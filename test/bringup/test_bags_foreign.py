@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bags of other writers: without index, compressed, split."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bags made to take all memory, to go on without end, or to carry impossible values."""
 
 from contextlib import closing

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bags whose writer was killed, or found the disk full."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a replay takes from a bag: its frames with their truth, and the run they belong to."""
 
 from pathlib import Path

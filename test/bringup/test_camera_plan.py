@@ -1,12 +1,13 @@
+# SPDX-License-Identifier: Apache-2.0
 """The plan of a run on a camera: no node of the run publishes the frames."""
 
 from functools import partial
 from pathlib import Path
 
 import calibrate
-from lowsnr_bringup.bags.recorded_run import RecordedRun
 from lowsnr_bringup.bags.recording import CUSTOM_PARAMETERS
 from lowsnr_bringup.plan.graph import to_yaml
+from lowsnr_bringup.plan.recorded_frames import RecordedRun
 from lowsnr_bringup.plan.run_options import RunOptions
 from lowsnr_bringup.plan.run_plan import plan_run
 from lowsnr_bringup.ros.frame_bag import FrameBag
@@ -46,6 +47,9 @@ def test_detectors_of_a_camera_read_the_frames_of_the_conditioner():
     assert remaps(run)['/tracker'] == {info}
     assert [path for path, own in run.parameters.items() if own.get('live')] == readers
     assert run.parameters['/tracker']['conditioned']
+    shape = [(run.parameters[path]['rows'], run.parameters[path]['cols'])
+             for path in ('/conditioner', '/sdt_detector')]
+    assert shape == [(31, 48), (15, 24)]  # pixels, cells
     assert (run.name, run.frames, run.respawn) == ('camera_image_raw-sdt', None, True)
 
 

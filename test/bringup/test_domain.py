@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The claim of a domain: one at a time, and no trap that another user sets in its place."""
 
 import fcntl

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A run is refused where nodes of its names answer, whatever the lock file says."""
 
 import time

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Files of many formats, each made by another library, give all frames at their depth."""
 
 import struct

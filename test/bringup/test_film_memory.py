@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Films are read frame by frame: the memory that it takes does not grow with their length."""
 
 import struct

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """FITS files of every structure give all frames, scaled, with blanks and with their times."""
 
 import gzip

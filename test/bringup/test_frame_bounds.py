@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Files that declare or unpack to gigabytes are read piece by piece, or rejected at once."""
 
 import gzip

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Objects move as much from frame to frame at any frame period."""
 
 import re

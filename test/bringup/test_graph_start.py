@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """All nodes of a graph become active in order, whatever dies or is rejected meanwhile."""
 
 from types import SimpleNamespace

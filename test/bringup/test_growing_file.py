@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A file that only grows loses nothing on a full disk, nor with its folder."""
 
 from contextlib import closing

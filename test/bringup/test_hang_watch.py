@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A node that hangs is told from one that computes, waits for a disk, or reports late."""
 
 from contextlib import contextmanager

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Frames are read from archives, folders and videos as they are; unusable files are named."""
 
 from astropy.io import fits

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The profile of the middleware: its transport, its reach, and that a user's own comes first."""
 
 import xml.etree.ElementTree as ElementTree

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Nodes forked from a server: processes of their own, and no run depends on the server."""
 
 import os

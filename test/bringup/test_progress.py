@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Progress is a bar on a terminal, and plain lines where stderr is a file or a pipe."""
 
 from contextlib import suppress

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The recorder counts lost messages; its bags hold the counts."""
 
 from pathlib import Path

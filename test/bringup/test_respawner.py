@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How often, and after what wait, a node that died is started again."""
 
 from lowsnr_bringup.ros.respawner import Deaths

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the small ros2 prints of messages, rates and bags, without a graph."""
 
 import argparse

@@ -1,10 +1,13 @@
+# SPDX-License-Identifier: Apache-2.0
 """Options and configuration are checked before anything starts, and reach the right nodes."""
 
+from contextlib import closing
 from pathlib import Path
 import shutil
 
 from lowsnr_bringup.plan.config_files import load_config
 from lowsnr_bringup.plan.graph import to_yaml
+from lowsnr_bringup.plan.loopback import listen_on
 from lowsnr_bringup.plan.run_options import RunOptions
 from lowsnr_bringup.plan.run_plan import plan_run
 from lowsnr_common.settings.flat_values import flat_values
@@ -157,7 +160,34 @@ def test_settings_that_do_not_fit_each_other_name_the_node_and_the_setting():
 
 
 @pytest.mark.parametrize(('options', 'words'), [
-    ({'detectors': ['hmm'], 'overrides': ['hmm.lag=3']}, ['lag = 3', ' 0 ']),
+    ({'detectors': ['cdt'], 'overrides': ['cdt.lag=3']}, ['cdt.lag', ' hmm_detector']),
+    ({'detectors': ['hmm'], 'overrides': ['hmm.lag=21']}, ['lag = 21', '20']),
+    ({'detectors': ['hmm'], 'overrides': [
+        'hmm.destination.probability=0.5', 'hmm.destination.x_m=20']},
+     ['hmm_detector', 'x_m = 20', '20 x 20 cells']),
+    ({'detectors': ['mmtbd2'], 'overrides': [
+        'mmtbd2.destinations.probability=[0.5, 0.2]', 'mmtbd2.destinations.x_m=[5.0, 5.0]',
+        'mmtbd2.destinations.y_m=[5.0, -1.0]', 'mmtbd2.destinations.std_m=[1.0, 1.0]',
+        'mmtbd2.destinations.earliest_frame=[20, 20]',
+        'mmtbd2.destinations.latest_frame=[20, 20]']},
+     ['mmtbd2_detector', 'destinations[1]', 'y_m = -1', '20 x 20 cells']),
+    ({'overrides': [
+        'tracker.destinations.probability=[0.5]', 'tracker.destinations.x_m=[5.0]',
+        'tracker.destinations.y_m=[25.0]', 'tracker.destinations.std_m=[1.0]',
+        'tracker.destinations.earliest_frame=[20]', 'tracker.destinations.latest_frame=[20]']},
+     ['tracker', 'destinations[0]', 'y_m = 25', '20 x 20 cells']),
+    ({'overrides': [
+        'tracker.destinations.probability=[0.5]', 'tracker.destinations.x_m=[5.0]',
+        'tracker.destinations.y_m=[5.0]', 'tracker.destinations.std_m=[1.0]',
+        'tracker.destinations.earliest_frame=[20]', 'tracker.destinations.latest_frame=[20]',
+        'tracker.motion.acceleration_density=0.0']},
+     ['tracker', 'acceleration_density = 0', 'destinations']),
+    ({'detectors': ['mmtbd2'], 'overrides': ['mmtbd2.destinations.probability=[0.5]']},
+     ['mmtbd2_detector', 'x_m', 'probability']),
+    ({'detectors': ['pmf'], 'overrides': [
+        'pmf.lag=20', 'pmf.resolution=8', 'pmf.headings=128', 'pmf.speeds=16',
+        'pmf.rows=4096', 'pmf.cols=4096']},
+     ['pmf_detector', ' GiB', '4096 x 4096', 'resolution', 'lag']),
     ({'condition': 'on'}, ['--condition on']),
     ({'replay': Path('bag'), 'loop': True}, ['--loop']),
     ({'record': CONFIG}, [str(CONFIG)]),
@@ -166,6 +196,14 @@ def test_settings_that_do_not_fit_each_other_name_the_node_and_the_setting():
 def test_options_that_no_run_can_have_are_refused_by_name(options, words):
     line = refusal(**options)
     assert not [word for word in words if word not in line], line
+
+
+def test_all_nodes_know_the_lags_of_the_detectors():
+    values = plan(detectors=['hmm', 'cdt', 'pmf'], view=True,
+                  overrides=['hmm.lag=3', 'pmf.lag=2']).parameters
+    assert values['/evaluator']['lags'] == [3, 0, 2]
+    assert values['/sensor']['lag'] == 3
+    assert [values[f'/{name}/viewer']['lag'] for name in ('hmm', 'cdt', 'pmf')] == [3, 0, 2]
 
 
 def test_parameter_file_reads_back_as_it_was():
@@ -188,3 +226,22 @@ def test_shipped_configuration_has_the_defaults():
     tracker = flat_values(PdaMmpf())
     for key, value in config['tracker'].items():
         assert tracker[key] == (list(value) if isinstance(value, tuple) else value), key
+
+
+@pytest.mark.parametrize(('options', 'named'), [
+    ({'view_port': 9000}, '--view'), ({'view': True, 'view_port': 65535}, '65536')])
+def test_port_that_no_page_can_have_is_rejected(options, named):
+    with pytest.raises(ValueError, match=f'--view-port: .*{named}'):
+        plan(detectors=['cdt', 'sdt'], **options)
+
+
+def test_each_chain_has_a_page_of_its_own_and_the_browser_opens_the_first():
+    with closing(listen_on(0)) as free:
+        port = free.getsockname()[1]
+        with pytest.raises(ValueError, match=f'{port}.*--view-port'):
+            plan(view=True, view_port=port)
+    values = plan(detectors=['cdt', 'sdt'], view=True, view_port=port + 1).parameters
+    assert [(values[f'/{name}/viewer'][key]) for name in ('cdt', 'sdt')
+            for key in ('page_port', 'browser')] == [port + 1, True, port + 2, False]
+    assert 'cdt' in values['/cdt/viewer']['title']
+    assert not plan(view=True, browser=False).parameters['/viewer']['browser']

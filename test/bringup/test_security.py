@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The keystore of a secured run: what it lacks is named with the commands that make it."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The signals that ask a run to end: where they end it at once, and where they wait."""
 
 import os

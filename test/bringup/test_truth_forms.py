@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Truth in the usual forms: tables under other names, MOT, COCO, objects outside the picture."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A table of truth lists the objects of every frame; a bad line is named."""
 
 from lowsnr_bringup.bags.errors import UnusableFile

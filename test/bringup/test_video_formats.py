@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Videos and SER films give all frames at their depth and with their own stamps."""
 
 from fractions import Fraction

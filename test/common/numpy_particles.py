@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The definitions of the compiled loops over particles, in plain NumPy."""
 
 from lowsnr_common.core.motion import POS

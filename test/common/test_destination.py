@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The bridge to a destination against conditioning of the whole base motion."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Images of every encoding become one channel at their depth, or are rejected by name."""
 
 from types import SimpleNamespace

@@ -1,9 +1,11 @@
+# SPDX-License-Identifier: Apache-2.0
 """The map of a conditioned frame: cells, scene and image, by hand and back."""
 
 from lowsnr_common.core.frame_map import FrameMap
 from lowsnr_common.core.frame_map import moved_states
 from lowsnr_common.core.frame_map import overlaps
 from lowsnr_common.core.records import Estimate
+from lowsnr_common.core.records import Prediction
 import numpy as np
 import pytest
 
@@ -26,13 +28,20 @@ def test_cell_lies_at_the_centre_of_its_pixels(where, cell, pixel):
 def test_object_keeps_its_meaning_there_and_back(rng, binning):
     where = FrameMap('camera', (60, 40), binning, (-12, 4), (20.3, -7.7))
     root = rng.standard_normal((4, 4))
-    item = Estimate(rng.normal(5.0, 3.0, 4), root @ root.T, 0.75, '7')
+    predicted = Prediction(0.4, rng.normal(5.0, 3.0, 2), root[:2, :2] @ root[:2, :2].T)
+    item = Estimate(rng.normal(5.0, 3.0, 4), root @ root.T, 0.75, '7', predicted)
     seen = where.in_image(item, 3.0)
     np.testing.assert_allclose(
         seen.state[[0, 2]] / 3.0, where.pixels(item.state[[0, 2]] / 3.0), rtol=1e-12)
     np.testing.assert_allclose(seen.state[[1, 3]], binning * item.state[[1, 3]], rtol=1e-12)
     np.testing.assert_allclose(np.sqrt(np.diag(seen.cov)), binning * np.sqrt(np.diag(item.cov)))
+    np.testing.assert_allclose(
+        seen.predicted.position, 3.0 * where.pixels(predicted.position / 3.0), rtol=1e-12)
+    np.testing.assert_allclose(seen.predicted.cov, binning**2 * predicted.cov)
     back = where.in_cells(seen, 3.0)
+    np.testing.assert_allclose(back.predicted.position, predicted.position, rtol=1e-12)
+    np.testing.assert_allclose(back.predicted.cov, predicted.cov, rtol=1e-12)
+    assert back.predicted.score == 0.4
     np.testing.assert_allclose(back.state, item.state, rtol=1e-12)
     np.testing.assert_allclose(back.cov, item.cov, rtol=1e-12)
     assert (back.score, back.id) == (seen.score, seen.id) == (0.75, '7')

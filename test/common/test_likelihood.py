@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The likelihood ratio of a state is the ratio of the densities of the whole frame."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The line between bring-up and a node: whole messages in order, and no wait for a reader."""
 
 import socket

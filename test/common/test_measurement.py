@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The sensor: eqs. (2) and (3) written out cell by cell, ratios against normal densities."""
 
 from lowsnr_common.core.measurement import SensorModel

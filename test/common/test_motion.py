@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Motion: F and Q against the differential equation, the mode chain against its generator."""
 
 from lowsnr_common.core.motion import MotionModes

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The compiled loops compute what plain NumPy does, for the same random numbers."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Particle arithmetic against SciPy, and in the limits where weights vanish."""
 
 from hypothesis import given

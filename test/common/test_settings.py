@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Declared settings: types, bounds, groups, and errors that name the culprit."""
 
 from dataclasses import dataclass

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Random streams: the children of one root seed, each for one use."""
 
 import itertools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Text from outside is shown, and does nothing where it is shown."""
 
 from lowsnr_common.settings.text import cell_text

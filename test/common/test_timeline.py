@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The order of stamps: new, late, and a clock that was set back."""
 
 import itertools

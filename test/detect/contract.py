@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The contract of a detector, one function for each rule; :data:`CHECKS` lists them."""
 
 from dataclasses import replace
@@ -184,6 +185,16 @@ def frames_per_declaration_is_a_count(cls):
     assert make(cls).frames_per_declaration >= 1
 
 
+def statistic_does_not_depend_on_the_most_declarations(cls):
+    # The calibration makes only one in a frame.
+    settings = [{'max_detections': most} for most in (1, 50)]
+    if 'max_detections' in cls.__dataclass_fields__:
+        one, many = (
+            [it.peak for it in run(make(cls, threshold=-1.0, **each), noise(12, 2))]
+            for each in settings)
+        assert np.array_equal(one, many)
+
+
 CHECKS = (
     same_seed_gives_same_bytes, frames_are_not_changed, memory_is_not_changed,
     batch_equals_single_runs, shapes_follow_the_frame,
@@ -191,4 +202,5 @@ CHECKS = (
     bright_object_is_found_where_it_is, first_frame_may_hold_the_object,
     blank_frames_declare_nothing, outliers_leave_numbers_and_are_forgotten,
     smallest_frames_leave_numbers, settings_build_an_equal_detector,
-    nominal_differs_in_thresholds_only, frames_per_declaration_is_a_count)
+    nominal_differs_in_thresholds_only, frames_per_declaration_is_a_count,
+    statistic_does_not_depend_on_the_most_declarations)

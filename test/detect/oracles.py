@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Independent references for the detectors: enumeration of all paths."""
 
 from dataclasses import dataclass

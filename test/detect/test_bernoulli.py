@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The local Bernoulli filter is exact for one object and for two that are apart."""
 
 import itertools
@@ -58,7 +59,7 @@ def test_one_object_that_is_not_found_yet_has_the_posterior_of_a_bernoulli_filte
     frames = rng.standard_normal((6, *shape))
     for frame, (_, declared) in zip(frames, run(detector, frames), strict=True):
         prob = births + (1.0 - death) * (prob @ matrix)
-        absent = 1.0 - prob.sum()
+        absent, before = 1.0 - prob.sum(), prob
         prob = prob * np.exp(SENSOR.intensity * (frame[row, col] - SENSOR.intensity / 2.0))
         prob /= absent + prob.sum()
         place = np.stack([col, row], axis=-1)
@@ -70,11 +71,21 @@ def test_one_object_that_is_not_found_yet_has_the_posterior_of_a_bernoulli_filte
         assert declared.state[0, POS] == pytest.approx(prob[near] @ place[near] / inside)
         assert declared.state[0, VEL] == pytest.approx(
             prob[near] @ velocity[near] / inside, abs=1e-12)
+        check_prediction(declared.estimates()[0].predicted, before[near], place[near])
 
 
-def two_objects(frames, model, birth, death):
+def check_prediction(predicted, prob, place):
+    """Check what was expected of an object, against the probability of every state before."""
+    assert predicted.score == pytest.approx(prob.sum(), abs=1e-12)
+    assert predicted.position == pytest.approx(np.average(place, axis=0, weights=prob))
+    # Around a point the place is uniform in its cell.
+    assert predicted.cov == pytest.approx(
+        np.cov(place.T, aweights=prob, ddof=0) + np.eye(2) / 12.0, abs=1e-9)
+
+
+def two_objects(frames, model, birth, death, lag=0):
     """
-    Return the expected number of objects in every cell, by all states of two objects.
+    Return the expected number of objects in every cell ``lag`` frames ago, by all their states.
 
     Each is in one of the cells of a row or absent; together they are where both are, and a cell
     with both is as bright as with one.
@@ -90,29 +101,35 @@ def two_objects(frames, model, birth, death):
     single[:, -1] = 1.0 - single[:, :-1].sum(axis=1)
     both, ones = np.zeros((count + 1, count + 1)), np.eye(count + 1)[:-1]
     both[-1, -1] = 1.0
-    for frame in frames:
-        both = single.T @ both @ single
-        ratio = np.exp(SENSOR.log_likelihood_ratio(frame[0]))
-        lit = np.maximum(ones[:, :, None], ones[:, None, :])
-        both = both * np.prod(np.where(lit > 0.0, ratio[:, None, None], 1.0), axis=0)
+    lit = np.maximum(ones[:, :, None], ones[:, None, :])
+    ratios = [np.prod(np.where(lit > 0.0, each[:, None, None], 1.0), axis=0)
+              for each in np.exp(SENSOR.log_likelihood_ratio(frames[:, 0]))]
+    for ratio in ratios[:len(ratios) - lag]:
+        both = single.T @ both @ single * ratio
         both /= both.sum()
+    later = np.ones_like(both)
+    for ratio in ratios[:len(ratios) - lag - 1:-1]:
+        later = single @ (ratio * later) @ single.T
+        later /= later.max()
+    both *= later / np.sum(both * later)
     return both[:-1].sum(axis=1) + both[:, :-1].sum(axis=0)
 
 
+@pytest.mark.parametrize('lag', [0, 3])
 @pytest.mark.parametrize('apart', [3, 4, 6])
-def test_two_objects_have_the_masses_of_the_enumeration(apart):
+def test_two_objects_have_the_masses_of_the_enumeration(apart, lag):
     # A single row: moves to other rows leave the frame, in both.
     rng, birth, death, differences = np.random.default_rng(apart), 1e-3, 0.03, []
     rest = MotionModes(turn_rates_deg_s=(0.0,), acceleration_density=0.0, max_speed_mps=1e-9)
     model = move_model(rest, SENSOR, 0)
     detector = Bernoulli(sensor=SENSOR, motion=rest, order=0, birth_prob=birth, death_prob=death,
-                         threshold=ALWAYS)
+                         threshold=ALWAYS, lag=lag)
     for _ in range(20):
         frames = rng.standard_normal((12, 1, 14))
         frames[:, 0, [4, 4 + apart]] += SENSOR.intensity
-        expected = two_objects(frames, model, birth, death)
+        expected = two_objects(frames, model, birth, death, lag)
         state, _ = run(detector, frames)[-1]
-        differences.append(state.mass[0] - expected)
+        differences.append(detector.smoothed_mass(state).mass[0] - expected)
     differences = np.array(differences)
     assert abs(differences.mean(axis=0)).max() < 0.1
     assert np.sqrt(np.mean(differences**2)) < 0.1

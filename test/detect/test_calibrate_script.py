@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The calibration command prints a table, fills the cache, and names what is wrong."""
 
 from concurrent.futures import ThreadPoolExecutor
@@ -36,7 +37,7 @@ def test_table_has_a_row_for_each_detector_and_snr(calibrate, tmp_path):
 @pytest.mark.parametrize(('arguments', 'culprit'), [
     (['--detector', 'std'], 'std'),
     (['--snr', 'six'], "'six'"),
-    (['--false-alarm-prob', '2'], 'false_alarm_prob'),
+    (['--false-alarm-prob', '2'], '--false-alarm-prob'),
     (['--scenario', 'nowhere'], 'nowhere'),
     (['--set', 'sdt.radius=-1'], 'radius')])
 def test_wrong_option_is_named_in_one_line(calibrate, arguments, culprit):
@@ -60,7 +61,7 @@ def test_damaged_entry_is_named_in_one_line_and_made_again(calibrate, tmp_path):
     paths = sorted((tmp_path / 'lowsnr').glob('*.json'))
     sound = [path.read_bytes() for path in paths]
     for path in paths:
-        path.write_bytes(sound[0].replace(b'"runs": 1000', b'"runs": 1001'))
+        path.write_bytes(sound[0].replace(b'"seed": 0', b'"seed": 1'))
     again = calibrate(*SMALL)
     assert (again.returncode, again.stdout) == (0, done.stdout)
     named = [line for line in again.stderr.splitlines() if line.startswith('calibrate.py: ')]

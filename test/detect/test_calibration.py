@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Curves are kept on disk, checked when they are read, and set operating points."""
 
 from concurrent.futures import ThreadPoolExecutor

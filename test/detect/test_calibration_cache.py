@@ -1,7 +1,10 @@
+# SPDX-License-Identifier: Apache-2.0
 """Entries of the cache are whole or made again, whatever is in their place."""
 
+import importlib
 import json
 import os
+from pathlib import Path
 import re
 import subprocess
 import sys
@@ -11,6 +14,7 @@ from lowsnr_detect.calibration import cache as calibration_cache
 from lowsnr_detect.calibration.operating_point import calibrated
 from lowsnr_detect.detectors.cdt import CDT
 from lowsnr_detect.detectors.sdt import SDT
+from lowsnr_detect.parts.registry import DETECTORS
 import pytest
 
 SHAPE = (7, 5)
@@ -80,6 +84,20 @@ def test_entry_of_another_detector_is_not_used(tmp_path):
     path.write_text(other.read_text())
     with pytest.warns(UserWarning, match=re.escape(str(path))):
         assert calibrated(CDT(), 0.1, SHAPE, folder=tmp_path, **FEW) == found
+
+
+@pytest.mark.parametrize('name', sorted(DETECTORS))
+def test_every_module_that_a_detector_imports_is_part_of_the_key(name):
+    files = calibration_cache.code_files(DETECTORS[name])
+    used = {
+        Path(importlib.import_module(module).__file__) for path in files
+        if 'lowsnr_detect' in path.parts and 'calibration' not in path.parts
+        for module in re.findall(
+            r'(?m)^from (lowsnr_(?:detect|common\.core)[.\w]*) import', path.read_text())}
+    used = {path for path in used if path.name != '__init__.py'}
+    assert used
+    # Adaptive thresholds are not calibrated, and how a detector is found by name says nothing.
+    assert {path for path in used - files if path.parent.name != 'adaptive'} == set()
 
 
 def test_folder_in_place_of_an_entry_costs_only_time(tmp_path):

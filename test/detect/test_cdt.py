@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """CDT has the closed form of a threshold on a normal number."""
 
 from lowsnr_common.core.measurement import SensorModel

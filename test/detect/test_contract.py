@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every registered detector keeps the contract."""
 
 from pathlib import Path

@@ -1,18 +1,25 @@
+# SPDX-License-Identifier: Apache-2.0
 """The curve gives the threshold for every false-alarm probability."""
 
 from dataclasses import replace
 
 from lowsnr_common.core.measurement import SensorModel
+from lowsnr_detect.calibration.effort import frame_s
+from lowsnr_detect.calibration.effort import FULL_RUNS
+from lowsnr_detect.calibration.effort import most_runs
 from lowsnr_detect.calibration.empty_frames import empty_frame_peaks
 from lowsnr_detect.calibration.empty_frames import Simulation
 from lowsnr_detect.calibration.operating_point import calibrate
 from lowsnr_detect.calibration.simulated_curve import simulate_curve
+from lowsnr_detect.calibration.threshold_search import is_precise
 from lowsnr_detect.detectors.cdt import CDT
 from lowsnr_detect.detectors.cusum import CUSUM
 from lowsnr_detect.detectors.hmm import HMM
 from lowsnr_detect.detectors.sdt import SDT
+from lowsnr_detect.detectors.tbd2 import TBD2
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 SHAPE = (7, 5)
 FEW = {'runs': 40, 'frames': 10}
@@ -100,8 +107,63 @@ def test_part_of_a_frame_has_its_cells(shape, part):
     assert calibrate(CDT(), 0.5, shape, runs=2, frames=1).simulated_shape == part
 
 
-def test_posterior_of_the_whole_frame_is_never_taken_from_a_part():
-    assert calibrate(HMM(order=0), 0.5, (70, 65), runs=2, frames=1).simulated_shape == (70, 65)
+@pytest.mark.parametrize(('detector', 'shape', 'part'), [
+    (HMM(order=0), (70, 65), (70, 65)), (HMM(order=2), (20, 20), (20, 20)),
+    (HMM(order=2), (96, 70), (32, 32)), (TBD2(), (96, 70), (96, 70))])
+def test_posterior_is_taken_from_a_part_only_where_the_frame_is_too_costly(detector, shape, part):
+    found = simulate_curve(detector, shape, runs=2, frames=40)
+    assert found.simulated_shape == part
+    # The probabilities are those of the frame, whatever was simulated.
+    assert found.at(0.2).threshold == pytest.approx(
+        np.interp(np.log(0.25), found.log_odds, found.threshold))
+    if part != shape:
+        at = found.at(0.2)
+        assert at.interval[0] + 0.3 <= at.threshold + 1e-9 <= at.interval[1] - 0.3 + 2e-9
+
+
+def test_threshold_of_a_posterior_does_not_depend_on_the_size_of_a_large_frame():
+    small, large = (
+        calibrate(HMM(order=0), 0.1, (side, side), runs=200, frames=20, seed=side)
+        for side in (24, 60))
+    deviation = [float(np.diff(found.interval)[0]) / 4.0 for found in (small, large)]
+    assert abs(small.threshold - large.threshold) < 0.3 + 3.0 * np.hypot(*deviation)
+
+
+@pytest.mark.parametrize('seed', [0, 1, 2])
+def test_runs_end_when_the_rate_of_alarms_is_known(seed):
+    # The statistic of CDT grows with the largest cell, whose distribution has closed form.
+    detector = CDT(sensor=SensorModel(snr_db=9.0))
+    found = calibrate(detector, 0.01, SHAPE, seed=seed)
+    assert found.runs < FULL_RUNS
+    height = detector.sensor.log_likelihood_ratio(np.array([[0.0, 1.0]]))[0]
+    cell = (found.threshold - height[0]) / (height[1] - height[0])
+    assert 0.008 < -np.expm1(SHAPE[0] * SHAPE[1] * norm.logcdf(cell)) < 0.012
+
+
+@pytest.mark.parametrize('alarms', [0.01, 0.1, 1, 10, 200, 800])
+def test_runs_go_on_while_there_are_few_alarms(alarms):
+    # The number of 200 independent alarms is known to 1.96 / sqrt(200) = 14 %, of ten to 62 %.
+    # At less than one the quantile of exponential noise is above all values.
+    peaks = np.random.default_rng(0).exponential(size=(1000, 40))
+    assert is_precise(peaks, alarms / peaks.size) == (alarms >= 200)
+
+
+@pytest.mark.parametrize('detector', [SDT(), HMM(order=0)])
+def test_rate_on_other_frames_is_the_one_asked_for(detector):
+    found = calibrate(detector, 0.01, SHAPE)
+    peaks = empty_frame_peaks(
+        replace(detector, threshold=found.threshold), Simulation(2000, 40, SHAPE, 1))
+    assert 0.008 < np.mean(peaks > found.threshold) < 0.012
+
+
+def test_effort_follows_from_cells_states_and_particles():
+    shape = (20, 20)
+    assert frame_s(CDT(), (40, 40)) == 4.0 * frame_s(CDT(), shape)
+    assert frame_s(CDT(), shape) < frame_s(HMM(order=1), shape) < frame_s(HMM(order=2), shape)
+    assert frame_s(HMM(lag=2), shape) > 2.0 * frame_s(HMM(), shape)
+    assert frame_s(TBD2(particles=8000), shape) > 1.5 * frame_s(TBD2(), shape)
+    assert most_runs(CDT(), shape, 40) == FULL_RUNS
+    assert 40 <= most_runs(TBD2(particles=100_000), shape, 40) < most_runs(TBD2(), shape, 40)
 
 
 def test_progress_rises_to_one():

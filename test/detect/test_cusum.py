@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """CUSUM keeps the best path of any start, and stops declaring an object that has gone."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The grid filter is the sum over all trajectories."""
 
 from dataclasses import replace
@@ -164,31 +165,38 @@ def transition(detector, shape, number):
     return matrix
 
 
-def by_matrices(detector, frames):
-    """Return log odds and mean position, summed over every sequence of hidden states."""
+def by_matrices(detector, frames, lag=0):
+    """Return log odds and mean position ``lag`` frames ago, over every sequence of states."""
     shape, start = frames.shape[1:], detector.existence.initial_prob
     ratio = SENSOR.log_likelihood_ratio(frames)
     cells = np.array(hidden_states(detector, shape))[:, 2:]
-    weight = np.append(start * appearing(detector, shape, 1), 1.0 - start)
+    weight, weights = np.append(start * appearing(detector, shape, 1), 1.0 - start), []
     for number, plane in enumerate(ratio, start=1):
         if number > 1:
             weight = weight @ transition(detector, shape, number)
-        weight[:-1] *= np.exp(plane[tuple(cells.T)])
+        weights.append(weight := weight * np.append(np.exp(plane[tuple(cells.T)]), 1.0))
+    later = np.ones_like(weight)
+    for number in range(len(frames), len(frames) - lag, -1):
+        later = transition(detector, shape, number) @ (
+            np.append(np.exp(ratio[number - 1][tuple(cells.T)]), 1.0) * later)
+    weight = weights[len(frames) - lag - 1] * later
     present = weight[:-1].sum()
     return np.log(present / weight[-1]), oracles.local_mean(cells[:, ::-1], weight[:-1], shape)
 
 
-@pytest.mark.parametrize(('order', 'shape', 'count', 'arrival'), [
-    (0, (4, 3), 5, 5), (0, (2, 3), 5, 3), (1, (3, 4), 4, 4), (1, (4, 3), 4, 2),
-    (2, (2, 3), 3, 3)])
-def test_with_a_destination_it_is_the_sum_over_all_sequences(rng, order, shape, count, arrival):
+@pytest.mark.parametrize(('order', 'shape', 'count', 'arrival', 'lag'), [
+    (0, (4, 3), 5, 5, 0), (0, (2, 3), 5, 3, 0), (1, (3, 4), 4, 4, 0), (1, (4, 3), 4, 2, 0),
+    (2, (2, 3), 3, 3, 0), (0, (2, 3), 5, 3, 2), (1, (3, 4), 4, 4, 2), (1, (4, 3), 4, 2, 3)])
+def test_with_a_destination_it_is_the_sum_over_all_sequences(
+    rng, order, shape, count, arrival, lag,
+):
     to = Destination(probability=0.8, x_m=2.0, y_m=0.5, std_m=0.7, arrival_frame=arrival)
     detector = HMM(sensor=SENSOR, existence=EXISTENCE, order=order, threshold=ALWAYS,
-                   destination=to)
+                   destination=to, lag=lag)
     frames = rng.standard_normal((count, *shape))
     answers = run(detector, frames)
-    for k in range(1, count + 1):
-        log_odds, position = by_matrices(detector, frames[:k])
+    for k in range(1 + lag, count + 1):
+        log_odds, position = by_matrices(detector, frames[:k], lag)
         assert answers[k - 1].peak == pytest.approx(log_odds, abs=1e-10)
         assert answers[k - 1].state[0, [0, 2]] == pytest.approx(position, abs=1e-10)
 
@@ -203,8 +211,3 @@ def test_runs_of_a_batch_share_the_destination(rng, order):
         for one, other in zip(run(detector, frames[(slice(None), *index)]), batch, strict=True):
             assert one.peak == pytest.approx(other.peak[index], rel=1e-9)
             assert one.state == pytest.approx(other.state[index], rel=1e-9, abs=1e-9)
-
-
-def test_destination_is_not_for_late_answers():
-    with pytest.raises(ValueError, match='HMM.lag'):
-        HMM(lag=2, destination=Destination(probability=0.5))

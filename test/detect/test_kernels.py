@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The compiled loops over cells compute what their definitions in NumPy do."""
 
 from dataclasses import replace

@@ -1,9 +1,13 @@
+# SPDX-License-Identifier: Apache-2.0
 """The estimate is that of one mode of the posterior, not the middle of several."""
 
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_detect.parts.local_estimate import best_cells
+from lowsnr_detect.parts.local_estimate import by_cell
 from lowsnr_detect.parts.local_estimate import grid_moments
+from lowsnr_detect.parts.local_estimate import particle_mass
 from lowsnr_detect.parts.local_estimate import particle_moments
+from lowsnr_detect.parts.local_estimate import PARTICLE_RESOLUTION
 from lowsnr_detect.parts.local_estimate import windows
 from lowsnr_detect.parts.registry import detector_class
 import numpy as np
@@ -61,7 +65,9 @@ def test_particles_of_the_lesser_mode_do_not_count(rng):
     states += 0.1 * rng.standard_normal(states.shape)
     log_weights = np.full((2, 500), 800.0)  # not normalised: exp(800) is no float
     log_weights[1, 300:] += 1.0
-    mean, cov = particle_moments(SENSOR, SHAPE, states, log_weights)
+    mass = by_cell(particle_mass(SENSOR, SHAPE, states, log_weights), PARTICLE_RESOLUTION)
+    assert mass.sum(axis=(1, 2)) == pytest.approx(1.0)
+    mean, cov = particle_moments(SENSOR, states, log_weights, best_cells(mass))
     for run, chosen in enumerate((np.s_[:300], np.s_[300:])):
         assert mean[run] == pytest.approx(states[run, chosen].mean(axis=0))
         assert cov[run] == pytest.approx(np.cov(states[run, chosen].T, bias=True))

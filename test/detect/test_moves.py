@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Moves on the grid follow from the motion modes."""
 
 from lowsnr_common.core.destination import Destination

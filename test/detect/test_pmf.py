@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The point-mass filter is a Bayes filter on its states, and these follow the motion model."""
 
 from detect import oracles

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Detection probabilities at the same false-alarm probability, by small Monte Carlo runs."""
 
 from dataclasses import replace

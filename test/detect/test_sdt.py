@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """SDT decides as the enumeration of every path does, and with one frame as CDT does."""
 
 from dataclasses import replace

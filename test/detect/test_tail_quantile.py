@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Upper quantiles: counted where the sample shows them, from the fitted tail elsewhere."""
 
 from lowsnr_detect.calibration.tail_quantile import upper_quantile

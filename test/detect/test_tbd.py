@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The particle filters converge to the exact posterior, and their settings are one filter."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The velocity bank against its definition, and what it finds and ignores."""
 
 from lowsnr_common.core.measurement import SensorModel
@@ -5,6 +6,7 @@ from lowsnr_detect.detectors.velocity_bank import places
 from lowsnr_detect.detectors.velocity_bank import shift_and_add
 from lowsnr_detect.detectors.velocity_bank import velocity_grid
 from lowsnr_detect.detectors.velocity_bank import VelocityBank
+from lowsnr_detect.parts.moved_memory import moved_memory
 import numpy as np
 import pytest
 
@@ -20,19 +22,53 @@ def test_grid_is_the_disc_of_points_with_zero_first():
     assert not velocity[0].any()
 
 
-@pytest.mark.parametrize('shape', [(1, 1), (1, 9), (23, 17), (2, 3, 19, 5)])
-@pytest.mark.parametrize('settings', [{}, {'regions': 3}, {'fastest': 6.0, 'rings': 2}])
-def test_compiled_loops_are_the_definition(rng, shape, settings):
-    bank = VelocityBank(sensor=SensorModel(noise_std=1.3), limit=2.5, **settings)
-    state, sums = bank.init(shape), np.zeros((len(bank.velocity), *shape))
-    for k in range(1, 8):
-        frame = 1.3 * rng.standard_normal(shape)
+def defined(bank, frames):
+    """Yield what the bank keeps and returns after each frame, and S_k and u_k as defined."""
+    state, sums = bank.init(frames.shape[1:]), np.zeros((len(bank.velocity), *frames.shape[1:]))
+    for k, frame in enumerate(frames, 1):
         state, plane = bank.statistic(state, frame)
         moves = places(bank.velocity, k) - places(bank.velocity, k - 1)
-        sums, u = shift_and_add(
-            sums, np.clip(frame / 1.3, -2.5, 2.5), moves, bank.std(k), 0.85, 0.5)
-        assert state.sums == pytest.approx(sums, abs=1e-5)
-        assert plane == pytest.approx(np.maximum(u, 0.0)**2 / 2.0, rel=1e-4, abs=1e-5)
+        z = np.clip(frame / bank.sensor.noise_std, -bank.limit, bank.limit)
+        sums, u = shift_and_add(sums, z, moves, bank.std(k), bank.fading, bank.standing)
+        yield state, plane, sums, u
+
+
+@pytest.mark.parametrize('shape', [(1, 1), (1, 9), (23, 17), (2, 3, 19, 5)])
+@pytest.mark.parametrize('settings', [
+    {}, {'regions': 3}, {'fastest': 6.0, 'rings': 2}, {'fading': 0.0}, {'limit': 2.5}])
+def test_compiled_loops_are_the_definition_within_half_a_step_a_frame(rng, shape, settings):
+    bank = VelocityBank(sensor=SensorModel(noise_std=1.3), **settings)
+    rounding = 0.5 * bank.step_std / (1.0 - bank.fading) + 1e-5
+    least = 1.0 - bank.standing  # std D_1
+    for state, plane, sums, u in defined(bank, 1.3 * rng.standard_normal((7, *shape))):
+        assert state.sums == pytest.approx(sums, abs=rounding)
+        assert np.sqrt(2.0 * plane) == pytest.approx(
+            np.maximum(u, 0.0), abs=(1.0 + bank.standing) * rounding / least)
+
+
+def test_sums_in_whole_steps_change_the_statistic_by_less_than_a_hundredth(rng):
+    frames = rng.standard_normal((60, 30, 40)) + 40.0 * (rng.random((30, 40)) < 0.05)
+    for _, plane, _, u in defined(VelocityBank(), frames):
+        assert np.sqrt(2.0 * plane) == pytest.approx(np.maximum(u, 0.0), abs=0.01)
+
+
+@pytest.mark.parametrize('sign', [-1.0, 1.0])
+def test_sums_beyond_what_is_stored_are_cut(sign):
+    bank = VelocityBank(limit=1e6, fading=0.99)
+    state = bank.init((3, 4))
+    for _ in range(3):
+        state, _ = bank.statistic(state, np.full((3, 4), sign * 200.0))
+    assert state.sums[0] == pytest.approx(np.full((3, 4), sign * 256.0))
+
+
+def test_sums_move_with_the_camera(rng):
+    bank, frame = VelocityBank(), rng.standard_normal((2, 9, 12))
+    state, _ = bank.statistic(bank.init(frame.shape), frame)
+    moved = moved_memory(state, bank.init(frame.shape), (9, 12), (2, -3), 1.0)
+    wanted = np.zeros_like(state.sums)
+    wanted[..., :-2, 3:] = state.sums[..., 2:, :-3]
+    assert np.array_equal(moved.sums, wanted)
+    bank.statistic(moved, frame)
 
 
 def test_std_is_that_of_white_noise_for_every_velocity_and_frame(rng):

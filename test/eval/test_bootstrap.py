@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Intervals over runs, against closed forms and known cases."""
 
 from lowsnr_eval.scoring.metrics import wilson_interval

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The paper's claims, and the verdicts on them."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``detections.csv`` and ``tracks.csv``: all that was declared, in pixels, with full stamps."""
 
 from collections import Counter

@@ -1,7 +1,9 @@
+# SPDX-License-Identifier: Apache-2.0
 """Experiments: batches and single runs agree, and figures are those of theory."""
 
 from dataclasses import replace
 
+from lowsnr_bringup.plan.empty_tracks import of_run
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.core.motion import MotionModes
 from lowsnr_common.core.streams import stream
@@ -15,7 +17,6 @@ from lowsnr_eval.study.experiment import simulate_run
 from lowsnr_eval.study.offline_chain import Chain
 from lowsnr_eval.study.offline_chain import detect
 from lowsnr_eval.study.offline_chain import group_by_statistic
-from lowsnr_eval.study.offline_chain import of_run
 from lowsnr_eval.study.offline_chain import RunStreams
 from lowsnr_eval.study.offline_chain import track
 from lowsnr_sensor.scenario import Scenario

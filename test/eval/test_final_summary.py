@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The summary of a run has all that was scored, however the run ended."""
 
 from contextlib import closing

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Frames are joined whatever the order of their messages, and given up in time."""
 
 from itertools import permutations
@@ -150,3 +151,30 @@ def test_one_stamp_far_ahead_loses_the_next_nine_frames(join):
         join.add_array('tracks', stamp, [], 2.0)
         scored += [frame.stamp for frame in join.take()]
     assert scored == list(range(10, 21))
+
+
+def test_frame_with_late_answers_is_given_up_only_after_the_frames_it_waits_for():
+    # Frames arrive once a second; the answer about one needs the next two.
+    join = FrameJoin(TOPICS, 'truth', lag=2)
+    for k in range(1, 6):
+        join.add_array('truth', k, [], float(k))
+    assert join.take(2.5) == []  # of three that it would need only two have come by then
+    assert [frame.stamp for frame in join.take(4.5)] == [1, 2]
+    join.add_array('tracks', 3, [], 5.0)
+    assert [frame.stamp for frame in join.take(4.5)] == [3]
+    assert join.take(100.0) == []  # a camera that is silent leaves its last frames open
+    join.end_frames()
+    assert [frame.stamp for frame in join.take(100.0)] == [4, 5]
+
+
+def test_frames_whose_detections_come_after_the_restart_of_the_tracker_are_still_tracked():
+    join = FrameJoin(('truth', 'detections', 'tracks'), 'truth', lag=2)
+    for k in range(1, 5):
+        join.add_array('truth', k, [], float(k))
+        if k > 2:
+            join.add_array('detections', k - 2, [], float(k))
+    join.expect_no_more(('tracks',), 3.5, 'detections')  # it had received those about frame 1
+    assert [frame.stamp for frame in join.take()] == [1]
+    join.add_array('tracks', 2, [], 5.0)
+    frame, = join.take()
+    assert (frame.stamp, frame.is_answered('tracks')) == (2, True)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the frames of a run go: the ledger agrees with what became of each frame."""
 
 from contextlib import contextmanager

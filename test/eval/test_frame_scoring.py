@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scores of single frames, and the figures of a run, against values worked out by hand."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Metrics against brute force over all assignments, and against SciPy's own interval."""
 
 import itertools
@@ -9,6 +10,7 @@ from hypothesis.extra.numpy import arrays
 from lowsnr_eval.scoring.metrics import count_false_alarms
 from lowsnr_eval.scoring.metrics import distances
 from lowsnr_eval.scoring.metrics import gospa
+from lowsnr_eval.scoring.metrics import match_nearest
 from lowsnr_eval.scoring.metrics import match_within_gate
 from lowsnr_eval.scoring.metrics import ratio
 from lowsnr_eval.scoring.metrics import root_mean_square
@@ -145,3 +147,12 @@ def test_root_mean_square_adds_up_group_by_group(rng):
     assert parts.value == pytest.approx(expected)
     assert parts.count == 50
     assert root_mean_square(errors) == pytest.approx(expected)
+
+
+def test_nearest_pairs_are_nearest_to_each_other(rng):
+    for n, m in itertools.product(range(4), repeat=2):
+        distance = distances(rng.uniform(0, 4, (n, 2)), rng.uniform(0, 4, (m, 2)))
+        pairs = [*zip(*match_nearest(distance, 2.0), strict=True)]
+        assert pairs == [
+            (row, column) for row, column in itertools.product(range(n), range(m))
+            if distance[row, column] == min([*distance[row], *distance[:, column], 2.0])]

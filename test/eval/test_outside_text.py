@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Names that strangers chose are shown in tables and pages, and do nothing there."""
 
 import csv

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The overlay, against pixels and points worked out by hand."""
 
 from lowsnr_common.core.measurement import SensorModel

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The results folder: what is in its files, that nothing is lost, and nothing overwritten."""
 
 from concurrent.futures import ThreadPoolExecutor

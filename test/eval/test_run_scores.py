@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scores of many runs at once, against those of one frame after the other."""
 
 from lowsnr_common.core.measurement import SensorModel

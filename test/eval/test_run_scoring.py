@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scoring from messages: with truth, without, and what is written of it."""
 
 from pathlib import Path
@@ -176,7 +177,7 @@ def test_restarted_evaluator_continues_the_tables(scorer, tmp_path, unbroken, de
     # A tracker that is late gets no second line for a frame that was scored.
     assert second.add_array('tracks', whole * SECOND, [], 9.0) is Arrival.LATE
     score_all(second, SHIFTS[whole:], whole + 1)
-    for name in ('frames.csv', 'detections.csv', 'tracks.csv'):
+    for name in ('frames.csv', 'detections.csv', 'tracks.csv', 'truth.csv'):
         assert (broken / name).read_bytes() == (folder / name).read_bytes()
     ours = second.summary()
     if death == 'before the latency was written':  # one value is gone
@@ -223,9 +224,9 @@ def test_frame_does_not_wait_for_a_node_that_was_restarted(scorer, node, scored)
 def test_detections_are_scored_where_the_tracker_was_restarted(scorer):
     one = scorer()
     one.add_array(TRUTH, SECOND, [], 10.0)
-    one.expect_no_more('/tracker', 11.0)
+    one.add_array('detections', SECOND, [entry()], 10.5)
     assert one.score() == []
-    one.add_array('detections', SECOND, [entry()], 11.5)
+    one.expect_no_more('/tracker', 11.0)
     (scored,) = one.score()
     assert len(scored.answers['sdt'].detections) == 1
     assert scored.answers['sdt'].tracks is None

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The scene of a run on disk: frames, conditioned cells and marks, whatever comes first."""
 
 from contextlib import closing
@@ -47,7 +48,7 @@ def test_marks_are_in_cells_and_those_without_a_place_are_left_out(tmp_path):
         scene.add_answers(
             1, 1, [], {'sdt': Answer([tracked(1.0, 2.0), tracked(np.nan, 2.0)], None)})
     lines, *_ = read_scene(tmp_path)
-    assert lines[0]['chains']['sdt'] == {'detections': [[2.0, 4.0, '']], 'tracks': []}
+    assert lines[0]['chains']['sdt'] == {'detections': [[2.0, 4.0, '']], 'tracks': None}
 
 
 def test_frame_and_its_marks_arrive_in_any_order(tmp_path):

@@ -1,23 +1,17 @@
+# SPDX-License-Identifier: Apache-2.0
 """Connections to a dask scheduler: only to this machine, or with TLS that authenticates."""
 
-from contextlib import contextmanager
 import math
-import os
-from pathlib import Path
 import re
-import socket
 import subprocess
-import sys
 
 from certificates import make_certificates
+from dask_cluster import dask_cluster
 from lowsnr_eval.study import scheduler
 from lowsnr_eval.study.workers import TlsFiles
 from lowsnr_eval.study.workers import workers
 import pytest
 import reproduce
-
-SOURCES = os.pathsep.join(map(str, sorted(
-    (Path(__file__).resolve().parents[2] / 'src').glob('lowsnr_*'))))
 
 
 @pytest.fixture(scope='module')
@@ -32,35 +26,10 @@ def tls_of(found):
     return TlsFiles(found['ca'], found['cert'], found['key'])
 
 
-@contextmanager
-def started(files, folder):
-    """Start a scheduler and a worker by hand, with TLS; yield the address of the scheduler."""
-    with socket.socket() as probe:
-        probe.bind(('127.0.0.1', 0))
-        port = probe.getsockname()[1]
-    tls = ['--tls-ca-file', files['ca'], '--tls-cert', files['cert'], '--tls-key', files['key'],
-           '--no-dashboard', '--host', 'tls://127.0.0.1']
-    commands = [
-        ['scheduler', '--port', port, '--protocol', 'tls', *tls],
-        ['worker', f'tls://127.0.0.1:{port}', '--protocol', 'tls', *tls, '--nthreads', 1,
-         '--no-nanny', '--local-directory', folder]]
-    processes = []
-    try:
-        for command in commands:
-            processes.append(subprocess.Popen(
-                [sys.executable, '-m', 'dask', *map(str, command)], stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL, env=os.environ | {'PYTHONPATH': SOURCES}))
-        yield f'127.0.0.1:{port}'
-    finally:
-        for process in reversed(processes):
-            process.kill()
-            process.wait()
-
-
 def test_workers_are_reached_by_tls_with_the_right_certificates_only(
         files, tmp_path, monkeypatch):
     results = {}
-    with started(files['own'], tmp_path) as address:
+    with dask_cluster(tmp_path, 1, files['own']) as (address, _):
         with workers(1, address, print, tls_of(files['own'])) as found:
             found.run(math.sqrt, {'a': (4.0,)}, results.__setitem__)
         monkeypatch.setattr(scheduler, '_TIMEOUT_S', 2.0)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Studies: their plan, their identity, and their results folder."""
 
 from dataclasses import replace

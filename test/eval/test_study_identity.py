@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The identity of a study changes with every value that the study depends on."""
 
 import copy

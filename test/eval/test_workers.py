@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Local workers: results, deaths and errors of tasks."""
 
 import math

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 How inputs are drawn and counted: the same ones in every run, more of them on request.
 

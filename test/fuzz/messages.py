@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Messages with any values that their types allow, sound or not."""
 
 import array
@@ -99,11 +100,12 @@ def detections(draw: st.DrawFn) -> Detection2D:
     x, y, score = draw(numbers), draw(numbers), draw(numbers)
     item = Detection2D(id=draw(_ids), bbox=BoundingBox2D(size_x=draw(numbers)))
     item.bbox.center.position.x, item.bbox.center.position.y = x, y
-    item.results = [
-        ObjectHypothesisWithPose(
-            hypothesis=ObjectHypothesis(class_id=item.id, score=score),
+    for kind in (item.id, 'predicted')[:draw(st.sampled_from([1, 1, 0, 2, 2]))]:
+        result = ObjectHypothesisWithPose(
+            hypothesis=ObjectHypothesis(class_id=kind, score=score),
             pose=PoseWithCovariance(covariance=draw(covariances())))
-        for _ in range(draw(st.sampled_from([1, 1, 1, 0, 2])))]
+        result.pose.pose.position.x, result.pose.pose.position.y = x, draw(numbers)
+        item.results.append(result)
     return item
 
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Inputs of every kind that a stranger, a broken disk or a mistake could give to the system."""
 
 from hypothesis import strategies as st

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Detections, tracks and truth with any values pass tracker, scorer and viewer."""
 
 from contextlib import closing

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bags with any bytes flipped, cut or swapped are read up to the damage, or rejected."""
 
 import argparse
@@ -34,6 +35,7 @@ from lowsnr_common.core.records import Estimate
 from lowsnr_common.ros import messages
 from lowsnr_eval.report import figures
 from lowsnr_eval.report import html_page as pages
+from lowsnr_eval.report import run_report
 from lowsnr_eval.report.run_report import write_run_report
 from lowsnr_eval.report.table import format_table
 from lowsnr_eval.scoring.score_rows import FRAME_COLUMNS
@@ -168,7 +170,7 @@ def config(monkeypatch):
     monkeypatch.setattr(config_files, 'load_config', whole)
     # Drawing takes a second; test_files.py draws hostile names.
     monkeypatch.setattr(figures, 'single_run', lambda *_: None)
-    monkeypatch.setattr(figures, 'render', lambda figure: ('<svg/>', b''))
+    monkeypatch.setattr(run_report, 'render', lambda figure: ('<svg/>', b''))
     monkeypatch.setattr(pages, 'versions', lambda: pages.Markup('versions'))
 
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Any arguments of any script are accepted, or end it with one line and a usage error."""
 
 import contextlib
@@ -24,12 +25,13 @@ USAGE = 2
 OPTIONS = {
     bringup: ['--detector', '--scenario', '--replay', '--snr', '--frames', '--seed', '--set',
               '--frames-topic', '--truth-topic', '--condition', '--rate', '--lockstep', '--loop',
-              '--record', '--storage', '--view', '--results', '--domain-id'],
+              '--record', '--storage', '--view', '--view-port', '--results',
+              '--domain-id'],
     calibrate: ['--detector', '--scenario', '--snr', '--false-alarm-prob', '--rows', '--cols',
                 '--set'],
     convert: ['--out', '--truth', '--rate', '--period', '--storage'],
     evaluate: ['--results', '--frames-topic', '--truth-topic'],
-    reproduce: ['--example', '--all', '--runs', '--snr', '--detectors', '--seed', '--jobs',
+    reproduce: ['--example', '--all', '--runs', '--snr', '--detector', '--seed', '--jobs',
                 '--scheduler', '--results', '--resume']}
 values = (numbers | whole).map(lambda n: f'{n:g}' if isinstance(n, float) else str(n)[:500]) | (
     wild_names) | st.sampled_from([

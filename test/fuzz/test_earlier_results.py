@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Results of an earlier run or study are continued, made again, or rejected by their name."""
 
 import json
@@ -64,7 +65,8 @@ def test_sound_results_are_summed_up(place, results):
 
 
 @fuzz('earlier results', 400, name=st.sampled_from(
-    ['summary.json', 'parameters.yaml', 'restarts.csv', 'frames.csv', 'latency.csv']),
+    ['summary.json', 'parameters.yaml', 'restarts.csv', 'frames.csv', 'latency.csv',
+     'tracks.csv', 'truth.csv']),
     data=st.data())
 def test_earlier_results_are_summed_up_or_rejected_by_name(place, results, name, data):
     kinds = damaged(results[name])
@@ -86,7 +88,8 @@ def resumed(place):
 
 
 @fuzz('continued results', 300, name=st.sampled_from(
-    ['frames.csv', 'latency.csv', 'tracks.csv', 'scene.jsonl', 'frames.f32']), data=st.data())
+    ['frames.csv', 'latency.csv', 'tracks.csv', 'truth.csv', 'scene.jsonl', 'frames.f32']),
+    data=st.data())
 def test_damaged_results_are_continued_or_rejected_by_name(place, results, name, data):
     restored(place, results, name, data.draw(damaged(results[name])))
     tried(place, resumed, place)

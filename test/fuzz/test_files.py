@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Damaged frames, tables of truth and results are used, or rejected in one line."""
 
 from contextlib import closing
@@ -26,6 +27,8 @@ from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.node_settings import RunSettings
 from lowsnr_eval.report import figures
 from lowsnr_eval.report import html_page as pages
+from lowsnr_eval.report import run_report
+from lowsnr_eval.report.figure_style import render
 from lowsnr_eval.report.run_report import write_run_report
 from lowsnr_eval.scoring.entry_tables import EntryTables
 from lowsnr_eval.scoring.final_summary import summarize
@@ -133,7 +136,7 @@ def write_results(folder, name='object'):
             truth, answers = [Truth(name, state)], {'sdt': Answer(found, found, 1.0, 1.0)}
             scene.add_frame(k, np.full(SHAPE, float(k)))
             scene.add_answers(k, k, truth, answers)
-            entries.add(k, k, answers)
+            entries.add(k, k, answers, truth)
             tables.add(score_frame(k, float(k), truth, answers, Evaluation()), answers)
     write_summary(folder, summarize(
         folder, RunSettings(scenario=name), Evaluation(), 0, Account()))
@@ -151,7 +154,7 @@ def results(tmp_path_factory):
 def undrawn(monkeypatch):
     """Draw no figures, which take a second each."""
     monkeypatch.setattr(figures, 'single_run', lambda *_: None)
-    monkeypatch.setattr(figures, 'render', lambda figure: ('<svg/>', b''))
+    monkeypatch.setattr(run_report, 'render', lambda figure: ('<svg/>', b''))
     monkeypatch.setattr(pages, 'versions', lambda: pages.Markup('versions'))
 
 
@@ -180,5 +183,5 @@ def test_names_stay_inert_in_a_report(place, undrawn, name):
 @pytest.mark.parametrize('name', ['$x^{$', '_hidden', '<b>', 'a\nb', '\\frac', '物体'])
 def test_any_name_can_be_drawn(name):
     curves = {(name, 'detection', 'hits'): np.ones(3)}
-    svg, _ = figures.render(figures.single_run([name], ['hits'], curves, [1]))
+    svg, _ = render(figures.single_run([name], ['hits'], curves, [1]))
     assert svg.rstrip().endswith('</svg>')

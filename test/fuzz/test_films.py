@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Damaged films and truth of every form are used, or rejected in one line."""
 
 import gzip

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An image with any header and any data becomes an array, or is rejected in one line."""
 
 from fuzz.counting import fuzz

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """No message stops a node, raises in it or makes it grow."""
 
 from functools import partial

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Any message on ``scored`` and ``restarts`` is read as a sound record or rejected."""
 
 from fuzz.counting import fuzz

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The table of who may write what names every input of every node, and no other."""
 
 from functools import partial

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """YAML of any kind is accepted, or refused with one line that names the file."""
 
 import copy
@@ -14,7 +15,7 @@ from fuzz.strategies import wild_names
 from hypothesis import strategies as st
 from lowsnr_bringup.plan.config_files import CONFIG_FILES
 from lowsnr_bringup.plan.config_files import load_config
-from lowsnr_bringup.plan.config_files import parse_override
+from lowsnr_bringup.plan.config_files import load_overrides
 from lowsnr_bringup.plan.graph import known_nodes
 from lowsnr_bringup.plan.graph import settings_classes
 from lowsnr_common.settings.declare import declared_settings
@@ -133,9 +134,9 @@ def test_override_of_any_setting_is_accepted_or_refused(target, value):
     node, key = target
     detectors = [name.removesuffix('_detector') for name in known_nodes() if '_detector' in name]
     text = f'{node.removesuffix("_detector")}.{key}={value}'
-    tried('--set ', parse_override, text, detectors)
+    tried('--set ', load_overrides, [text], detectors)
 
 
 @fuzz('overrides', 300, text=wild_names | nasty)
 def test_any_override_is_accepted_or_refused(text):
-    tried('--set ', parse_override, text, ['sdt'])
+    tried('--set ', load_overrides, [text], ['sdt'])

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A ROS context for each test, so that tests do not discover each other's nodes."""
 
 from node_client import NodeClient

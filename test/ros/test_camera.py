@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What bring-up finds out about a camera before a run, and prints about nodes during one."""
 
 import threading

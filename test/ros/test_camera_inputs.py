@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A camera is heard whatever it offers and however it packs its frames, also if it comes late."""
 
 import cv2

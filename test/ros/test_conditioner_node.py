@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The conditioner node answers every frame, and says where its cells lie in it."""
 
 import array
@@ -178,3 +179,13 @@ def test_frames_that_came_before_activation_are_not_answered(context, client, sp
     spin(lambda: answers, node)
     assert [answer.header.stamp.sec for answer in answers] == [4]
     node.destroy_node()
+
+
+@pytest.mark.parametrize(('side', 'bytes_waiting'), [(1024, 2**28), (4096, 2**28), (16384, 2**31)])
+def test_large_frames_do_not_wait_in_long_queues(context, side, bytes_waiting):
+    node = ConditionerNode(context=context, parameter_overrides=[
+        Parameter('rows', value=side), Parameter('cols', value=side)])
+    node.autostart()
+    depth, = (one.qos_profile.depth for one in node.subscriptions if 'image_raw' in one.topic_name)
+    node.destroy_node()
+    assert depth * 4 * side**2 == bytes_waiting  # of large frames, two

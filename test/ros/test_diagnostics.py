@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A fault names what strangers have named, and nothing of it acts in a terminal or a log."""
 
 from lowsnr_common.ros.diagnostics import Fault

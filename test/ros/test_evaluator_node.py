@@ -1,17 +1,29 @@
+# SPDX-License-Identifier: Apache-2.0
 """The evaluator node: restarted chains, messages that it rejects, its own lifecycle."""
+
+import csv
+import time
 
 from bringup_end import BringupEnd
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
+from lowsnr_common.core.frame_map import FrameMap
+from lowsnr_common.ros.frame_maps import map_to_info
+from lowsnr_common.ros.messages import frame_to_image
 from lowsnr_common.ros.messages import stamp_from_seconds
 from lowsnr_common.ros.qos import reliable
 from lowsnr_common.ros.run_records import ChainCounts
 from lowsnr_common.ros.run_records import FrameScored
 from lowsnr_common.ros.run_records import NodeRestarted
 from lowsnr_eval import evaluator_node
+from lowsnr_eval.scoring import scene
+from lowsnr_eval.scoring.camera_table import read_views
+import numpy as np
 import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from sensor_msgs.msg import CameraInfo
+from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 from vision_msgs.msg import Detection2D
 from vision_msgs.msg import Detection2DArray
@@ -159,3 +171,65 @@ def test_evaluator_that_is_configured_again_continues_its_table(evaluator, graph
     spin(lambda: len(scored) == 2)
     rows = (tmp_path / 'run' / 'frames.csv').read_text().splitlines()
     assert [row.split(',')[0] for row in rows[1:]] == ['1', '1', '2', '2']
+
+
+@pytest.mark.parametrize('conditioned', [False, True])
+def test_evaluator_whose_scene_is_full_takes_no_more_frames(
+        context, spin, tmp_path, monkeypatch, conditioned):
+    monkeypatch.setattr(scene, '_BUDGET', 10)
+    node = evaluator_node.EvaluatorNode(context=context, parameter_overrides=[
+        Parameter(name, value=value) for name, value in {
+            'results': str(tmp_path), 'detectors': ['cdt'], 'conditioned': conditioned}.items()])
+    node.autostart()
+    other = Node('other', context=context)
+    frames = [other.create_publisher(Image, topic, 10) for topic in (
+        'image_raw', 'conditioned/image_raw')[:1 + conditioned]]
+    arrays = [other.create_publisher(Detection2DArray, topic, 10) for topic in TOPICS]
+    maps = other.create_publisher(CameraInfo, 'camera_info', 10)
+    wanted = frames + arrays + [maps] * conditioned
+    spin(lambda: all(each.get_subscription_count() for each in wanted), node, other)
+    last = scene.WAITING + 2  # answers wait so long for frames, which do not come
+    for stamp_s in range(1, last):
+        for topic in arrays:
+            topic.publish(array(stamp_s))
+    spin(lambda: not any(each.get_subscription_count() for each in frames), node, other)
+    if conditioned:  # maps are kept for the paths of tracks to the end
+        maps.publish(map_to_info(FrameMap('c', (8, 6), 2, (1, 2), (3.5, -1.25)), array(7).header))
+        spin(lambda: read_views(tmp_path) == {7_000_000_000: (2, 3.5, -1.25)})
+    for topic in arrays:
+        topic.publish(array(last))
+    spin(lambda: node.counts['in'] == last)
+    node.report()
+    assert not any(key.startswith('fault') for key in values(node))
+    node.on_cleanup(None)
+    other.destroy_node()
+    node.destroy_node()
+
+
+def test_latencies_without_truth_begin_when_a_frame_arrives(context, spin, tmp_path):
+    node = evaluator_node.EvaluatorNode(context=context, parameter_overrides=[
+        Parameter(name, value=value) for name, value in {
+            'results': str(tmp_path), 'detectors': ['hmm', 'cusum'], 'namespaces': True,
+            'truth': False, 'lags': [1, 0], 'operating_points': ['matched'] * 2}.items()])
+    assert node.autostart()
+    other = Node('other', context=context)
+    frames = other.create_publisher(Image, 'image_raw', 10)
+    arrays = {chain: [other.create_publisher(Detection2DArray, f'{chain}/{topic}', 10)
+                      for topic in TOPICS[1:]] for chain in ('hmm', 'cusum')}
+    spin(lambda: all(each.get_subscription_count()
+                     for each in (frames, *arrays['hmm'], *arrays['cusum'])), node, other)
+    sent_s = {}
+    for k in (1, 2):
+        frames.publish(frame_to_image(np.zeros((2, 3)), array(k).header))
+        spin(lambda number=k: len(node._scorer._arrived_s) == number)
+        sent_s[k] = time.monotonic()
+        for each in arrays['cusum'] + arrays['hmm'] * (k - 1):
+            each.publish(array(k - (each in arrays['hmm'])))
+    spin(lambda: node.counts['in'] == 1)
+    node.on_deactivate(None)
+    with (tmp_path / 'latency.csv').open(newline='') as file:
+        found = {row['detector']: float(row['detection_ms']) for row in csv.DictReader(file)}
+    assert found['cusum'] > 0.0
+    assert found['hmm'] > max(found['cusum'], 1e3 * (sent_s[2] - sent_s[1]))
+    node.destroy_node()
+    other.destroy_node()

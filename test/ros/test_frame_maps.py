@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Maps of conditioned frames as messages, and the nodes that work with them."""
 
 from lowsnr_common.core.frame_map import FrameMap
@@ -111,6 +112,32 @@ def test_detections_are_in_pixels_of_the_image_whatever_arrives_first(node, clie
     assert [(place.x, place.y) for place in places] == [(11.0, 14.5), (12.0, 14.5), (12.5, 14.5)]
     counts = dict(node.counts)
     assert (counts['in'], counts['out'], counts['refused']) == (4, 3, 1)
+
+
+HMM_LAG = (lambda **kw: DetectorNode('hmm', **kw), {
+    'operating_point': 'manual', 'threshold': -5.0, 'sensor.snr_db': 20.0, 'lag': 2})
+
+
+@pytest.mark.parametrize('node', [HMM_LAG], indirect=True)
+def test_late_detections_are_in_pixels_of_the_frame_that_they_are_about(node, client, spin):
+    send_map, send_frame, answers = connected(
+        node, client, spin, Image, 'image_raw', 'detections')
+    # An object at rest in the scene, the cells follow the camera, and the last frame is a cut.
+    origins = [(0, 0), (0, 0), (2, -1), (2, -1), (5, -3), (5 + SHAPE[1], 0)]
+    maps = [mapped(origin, (-1.5 * k, 2.5 * k)) for k, origin in enumerate(origins)]
+    scene = np.array([11, 7])
+    for k, where in enumerate(maps, start=1):
+        frame = np.zeros(SHAPE)
+        if k < len(maps):
+            frame[tuple(np.subtract(scene, where.origin)[::-1])] = 10.0
+        send_map(map_to_info(where, header(k)))
+        send_frame(messages.frame_to_image(frame, header(k, 'camera_cells')))
+    spin(lambda: len(answers) == 5)
+    assert [answer.header for answer in answers] == [header(k) for k in range(1, 6)]
+    for answer, where in zip(answers, maps):
+        place = answer.detections[0].bbox.center.position
+        expected = where.pixels(np.subtract(scene, where.origin))
+        assert (place.x, place.y) == pytest.approx(tuple(expected), abs=0.1)
 
 
 def test_without_a_conditioner_no_map_is_waited_for(context, client, spin):

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Images of every kind of camera are read as they are; malformed ones are refused by name."""
 
 import array

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Both ends of a connection that does not fit are named; time that goes back ends nothing."""
 
 import sys
@@ -206,6 +207,33 @@ def test_source_in_lockstep_goes_on_with_the_word_it_waits_for_alone(context, ot
     # A frame that is scored late shows that none is lost: the source has its patience again.
     publisher.publish(first)
     spin(lambda: node._lockstep._patience_s == 15.0)
+    node.destroy_node()
+
+
+def test_source_in_lockstep_is_ahead_by_the_lag_and_ends_with_its_last_frame(
+    context, other, spin,
+):
+    node = SensorNode(context=context, parameter_overrides=[
+        Parameter('scenario', value=str(SCENARIO)), Parameter('lockstep', value=True),
+        Parameter('lag', value=3), Parameter('frames', value=6)])
+    stamps, told = [], []
+    other.create_subscription(
+        Image, 'image_raw', lambda image: stamps.append(image.header.stamp.sec), DEPTH)
+    publisher = other.create_publisher(DiagnosticArray, 'scored', DEPTH)
+    node.finish = lambda: told.append(len(stamps))  # in a process of its own it ends here
+    node.autostart()
+    spin(lambda: len(stamps) == 4 and publisher.get_subscription_count(), node, other)
+
+    def score(k):
+        publisher.publish(
+            FrameScored(k * 1_000_000_000, k, (ChainCounts('cdt', 0, 0),)).to_message())
+
+    score(1)
+    spin(lambda: len(stamps) == 5)
+    score(1)  # once more, and then a frame later than those before, which are passed
+    score(3)
+    spin(lambda: told and len(stamps) == 6)
+    assert stamps == [1, 2, 3, 4, 5, 6]
     node.destroy_node()
 
 

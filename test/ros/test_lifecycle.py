@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A node makes or rejects any requested transition and lives on, except after a shutdown."""
 
 from lifecycle_msgs.msg import Transition

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parameters set on a running tracker node: they apply at once, and all tracks are kept."""
 
 from lowsnr_track.pda_mmpf import PdaMmpf
@@ -7,8 +8,8 @@ import pytest
 
 LIVE = {
     'detection.probability', 'detection.gate_probability', 'detection.clutter_density',
-    'detection.secondary_density', 'life.birth_density', 'life.confirm_probability',
-    'life.release_probability', 'life.delete_probability'}
+    'detection.secondary_density', 'detection.repeated', 'life.birth_density',
+    'life.confirm_probability', 'life.release_probability', 'life.delete_probability'}
 
 
 @pytest.fixture
@@ -22,13 +23,13 @@ def test_live_parameters_are_probabilities_densities_and_thresholds(tracker):
 
 
 def test_thresholds_in_the_wrong_order_are_rejected(tracker):
-    result = tracker.set('life.confirm_probability', 0.4)
+    result = tracker.set('life.confirm_probability', 0.2)
     assert not result.successful
     assert 'confirm_probability' in result.reason
-    assert tracker.get('life.confirm_probability') == [0.95]
+    assert tracker.get('life.confirm_probability') == [0.5]
     assert tracker.set_together(
-        life__confirm_probability=0.4, life__release_probability=0.3).successful
-    assert tracker.node.tracker.life.confirm_probability == 0.4
+        life__confirm_probability=0.2, life__release_probability=0.1).successful
+    assert tracker.node.tracker.life.confirm_probability == 0.2
 
 
 def test_every_change_keeps_the_tracks(tracker):

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bring-up's manager: what it makes of the records about a run's frames."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Records and frames survive the way through messages; malformed images are refused by name."""
 
 import array
@@ -5,6 +6,7 @@ import array
 from builtin_interfaces.msg import Time
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.core.records import Malformed
+from lowsnr_common.core.records import Prediction
 from lowsnr_common.ros import messages
 import numpy as np
 import pytest
@@ -71,6 +73,24 @@ def test_estimate_goes_over_the_wire_in_pixels():
     np.testing.assert_array_equal(back.cov[np.ix_([0, 2], [0, 2])], np.diag([4.0, 8.0]))
     assert np.isnan(back.state[[1, 3]]).all()
     assert (back.id, back.score) == ('a', 0.75)
+
+
+def test_prediction_of_a_detector_is_a_second_result(rng):
+    root = rng.standard_normal((2, 2))
+    predicted = Prediction(0.25, np.array([5.0, 9.0]), root @ root.T)
+    given = [Estimate(np.array([6.0, 0.0, 8.0, 0.0]), np.eye(4), 0.75, 'a', predicted),
+             Estimate(np.zeros(4), np.eye(4), 0.5)]
+    message = messages.estimates_to_array(given, Header(), CELL)
+    assert [[r.hypothesis.class_id for r in one.results] for one in message.detections] == [
+        ['object', 'predicted'], ['object']]
+    with_one, without = messages.array_to_estimates(message, CELL)
+    assert with_one.score == 0.75
+    assert with_one.predicted.score == 0.25
+    np.testing.assert_allclose(with_one.predicted.position, predicted.position)
+    np.testing.assert_allclose(with_one.predicted.cov, predicted.cov)
+    assert without.predicted is None
+    message.detections[0].results[1].hypothesis.class_id = 'bird'  # of a detector of another kind
+    assert messages.array_to_estimates(message, CELL)[0].predicted is None
 
 
 def test_odometry_carries_the_velocity_and_both_covariances(rng):

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Nodes of a run free the memory of messages that have left their queues."""
 
 import subprocess

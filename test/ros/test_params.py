@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """ROS parameters are what the settings class declares."""
 
 from lowsnr_common.ros.parameters import declare

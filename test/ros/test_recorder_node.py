@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The recorder in a run with a camera, which does not wait for subscribers."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The records on ``scored`` and ``restarts``: read back as written, or rejected with a reason."""
 
 from diagnostic_msgs.msg import DiagnosticArray

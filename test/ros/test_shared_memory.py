@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Leftovers of the middleware in shared memory: those of killed processes are removed."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The tracker node answers every array once, and counts the detections it rejects."""
 
 from diagnostic_msgs.msg import DiagnosticArray

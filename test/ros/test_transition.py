@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Transitions that bring-up asks for over its line: made, or rejected, and answered either way."""
 
 from bringup_end import BringupEnd

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A checkout without an environment and an installed ROS 2, for the tests of the environment."""
 
 import importlib.machinery
@@ -16,7 +17,7 @@ import os, sys
 if os.environ.pop('OLD_PYTHON', ''):
     sys.version_info = (3, 9, 2, 'final', 0)
 import _environment
-_environment.ensure()
+_environment.ensure(())
 print(sys.prefix, os.environ['PYTHONPATH'], sys.argv[1:])
 """
 

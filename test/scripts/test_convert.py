@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """convert.py makes bags that another reader reads, and rejects unusable files."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What scripts do about limits of their process: open files, new files, a read-only checkout."""
 
 import resource
@@ -14,7 +15,7 @@ def test_too_few_open_files_are_raised_or_refused_in_one_line(checkout, ros, sof
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
     (checkout / 'scripts' / 'script.py').write_text(
-        'import resource, _environment\n_environment.ensure()\n'
+        'import resource, _environment\n_environment.ensure(())\n'
         'print(resource.getrlimit(resource.RLIMIT_NOFILE)[0])')
     done = subprocess.run(
         [sys._base_executable, checkout / 'scripts' / 'script.py'], text=True, timeout=60,
@@ -28,7 +29,7 @@ def test_too_few_open_files_are_raised_or_refused_in_one_line(checkout, ros, sof
 @pytest.mark.parametrize(('before', 'after'), [(0o000, 0o022), (0o077, 0o077)])
 def test_nobody_else_may_write_to_new_files(checkout, ros, before, after):
     (checkout / 'scripts' / 'script.py').write_text(
-        'import os, _environment\n_environment.ensure()\nprint(os.umask(0))')
+        'import os, _environment\n_environment.ensure(())\nprint(os.umask(0))')
     done = subprocess.run(
         [sys._base_executable, checkout / 'scripts' / 'script.py'], text=True, timeout=60,
         capture_output=True, umask=before, env=_steps.environ() | {'PYTHONPATH': str(ros)})

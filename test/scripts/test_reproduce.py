@@ -1,6 +1,6 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command that reproduces Section VI: its results, its errors, and its workers."""
 
-import contextlib
 from importlib.metadata import version
 import json
 import os
@@ -12,15 +12,16 @@ import sys
 import time
 
 from browser import browser
+from certificates import make_certificates
+from dask_cluster import dask_cluster
 from lowsnr_eval.study.study_identity import code_digest
 import psutil
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 COMMAND = ROOT / 'scripts' / 'reproduce.py'
-SOURCES = os.pathsep.join(map(str, sorted((ROOT / 'src').glob('lowsnr_*'))))
 # CDT is calibrated in a moment, and at one SNR the runs are few.
-SMALL = ('--example', '2', '--snr', '9', '--detectors', 'cdt')
+SMALL = ('--example', '2', '--snr', '9', '--detector', 'cdt')
 NUMBERS = ('summary.json', 'curves.csv')
 
 
@@ -102,7 +103,7 @@ def test_numbers_are_the_same_whatever_the_number_of_jobs(reference, tmp_path):
 
 @pytest.mark.slow
 def test_workers_started_by_hand_give_the_same_numbers(reference, tmp_path):
-    with cluster(tmp_path, 2) as (address, _):
+    with dask_cluster(tmp_path, 2) as (address, _):
         code, _, err = run(
             *SMALL, '--runs', '40', '--scheduler', address, '--results', tmp_path)
     assert code == 0, err
@@ -111,7 +112,7 @@ def test_workers_started_by_hand_give_the_same_numbers(reference, tmp_path):
 
 @pytest.mark.slow
 def test_workers_without_the_code_are_rejected(tmp_path):
-    with cluster(tmp_path, 1, path='') as (address, _):
+    with dask_cluster(tmp_path, 1, path='') as (address, _):
         code, _, err = run(*SMALL, '--scheduler', address, '--results', tmp_path / 'results')
     assert code == 2
     assert address in err
@@ -120,9 +121,13 @@ def test_workers_without_the_code_are_rejected(tmp_path):
 
 
 @pytest.mark.slow
-def test_killed_worker_of_a_scheduler_costs_time_and_no_results(reference, tmp_path):
-    with cluster(tmp_path, 2) as (address, workers):
-        process = start(*SMALL, '--runs', '40', '--scheduler', address, '--results', tmp_path)
+def test_killed_worker_of_a_scheduler_costs_time_and_no_results(
+        reference, tmp_path, require_program):
+    tls = make_certificates(require_program('openssl'), tmp_path / 'tls')
+    with dask_cluster(tmp_path, 3, tls) as (address, workers):
+        process = start(
+            *SMALL, '--runs', '40', '--scheduler', address, '--results', tmp_path, '--tls-ca',
+            tls['ca'], '--tls-cert', tls['cert'], '--tls-key', tls['key'])
         wait_for_blocks(process, tmp_path)
         workers[0].kill()
         _, err = process.communicate(timeout=240)
@@ -198,27 +203,3 @@ def wait_for_blocks(process, folder):
         assert process.poll() is None, process.communicate()
         assert time.monotonic() < until, 'no block after two minutes'
         time.sleep(0.02)
-
-
-@contextlib.contextmanager
-def cluster(folder, count, path=SOURCES):
-    """Start a dask scheduler and workers by hand, as a user would; yield address, workers."""
-    with socket.socket() as probe:
-        probe.bind(('127.0.0.1', 0))
-        address = f'127.0.0.1:{probe.getsockname()[1]}'
-    commands = [['scheduler', '--host', '127.0.0.1', '--port', address.partition(':')[2],
-                 '--no-dashboard']]
-    commands += [['worker', f'tcp://{address}', '--nthreads', '1', '--no-dashboard',
-                  '--no-nanny', '--host', '127.0.0.1', '--local-directory', str(folder)]
-                 ] * count
-    processes = []
-    try:
-        for command in commands:
-            processes.append(subprocess.Popen(
-                [sys.executable, '-m', 'dask', *command], stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL, env=os.environ | {'PYTHONPATH': path}))
-        yield address, processes[1:]
-    finally:
-        for process in reversed(processes):
-            process.kill()
-            process.wait()

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which ros2 the environment gives: an installed one, or the small one where there is none."""
 
 import os

@@ -1,18 +1,21 @@
+# SPDX-License-Identifier: Apache-2.0
 """The making of ``.venv``: when it is complete, what a step prints, what the locks hold."""
 
+import errno
 import fcntl
 import importlib.util
 import json
 from pathlib import Path
-import re
 import sys
 
+import _environment
 import _steps
 import _venv
 import pytest
 import vision_msgs
 
 ROOT = Path(__file__).resolve().parents[2]
+LOCKS = ('runtime', *_environment.EXTRAS, 'ros', 'dev')
 HASH = 'RIHS01_214274120007f4a683866481336b70310268cfa107aebe9d594a6acf75bda968'
 
 
@@ -47,6 +50,20 @@ def test_environment_made_from_other_files_is_incomplete(completed, path):
     assert not venv_of(completed).is_complete({'ros'})
 
 
+def test_environment_whose_files_change_while_it_is_made_is_incomplete(completed, monkeypatch):
+    venv = venv_of(completed)
+
+    def run(title, command, log, place):
+        with (venv.LOCKS / 'ros.txt').open('a') as file:
+            file.write('#')
+
+    monkeypatch.setattr(_steps, 'run', run)
+    with venv.LOG.open('w') as log, pytest.raises(SystemExit) as ended:
+        venv._take_steps('ros', {'ros', 'dev'}, {}, log)
+    assert ended.value.code == 1
+    assert not venv.is_complete({'ros'})
+
+
 def test_moved_environment_is_incomplete(completed):
     assert not venv_of(completed.rename(completed.with_name('moved'))).is_complete({'ros'})
 
@@ -57,6 +74,28 @@ def test_environment_without_its_interpreter_is_incomplete(completed, target):
     python.unlink()
     python.symlink_to(target)
     assert not venv_of(completed).is_complete({'ros'})
+
+
+@pytest.mark.parametrize('has_links', [True, False])
+def test_equal_libraries_take_room_once_where_links_are_to_be_had(
+        completed, monkeypatch, has_links):
+    venv = venv_of(completed)
+    texts = {'libx.so': b'x', 'libx.so.1': b'x', 'libx.so.1.2': b'x', 'liby.so': b'y'}
+    (venv.VENV / 'lib').mkdir()
+    for name, text in (texts | {'libx.so.1.link': b''}).items():  # an interrupted start left one
+        (venv.VENV / 'lib' / name).write_bytes(text)
+    if not has_links:
+        monkeypatch.setattr(venv.os, 'link', refuse)
+    for _ in range(2):
+        venv._link_copies()
+        found = {path.name: path for path in (venv.VENV / 'lib').iterdir()}
+        assert {name: path.read_bytes() for name, path in found.items()} == texts
+        assert len({path.stat().st_ino for path in found.values()}) == (2 if has_links else 4)
+
+
+def refuse(*_):
+    """Be a file system without links."""
+    raise PermissionError(errno.EPERM, 'Operation not permitted')
 
 
 @pytest.mark.parametrize('text', [
@@ -101,11 +140,26 @@ def test_children_do_not_inherit_the_variables_of_the_wheels(monkeypatch):
     assert {'LD_LIBRARY_PATH', '_ROS_WHEELS_BOOTSTRAP_COMPLETE'}.isdisjoint(_steps.environ())
 
 
-@pytest.mark.parametrize('name', ['runtime', 'ros', 'dev'])
+@pytest.mark.parametrize('name', LOCKS)
 def test_lock_has_all_packages_of_its_input(name):
-    text = (ROOT / 'requirements' / f'{name}.in').read_text('utf-8')
-    asked = set(re.findall(r'^[a-z][\w-]*', text, re.MULTILINE))
+    asked = set(_venv.asked_of([name]))
+    assert asked
     assert asked <= set(_venv.packages_of({name}))
+
+
+def test_locks_agree_on_every_version():
+    versions = {}
+    for name in LOCKS:
+        for package, lines in _venv.packages_of({name}).items():
+            versions.setdefault(package, set()).add(lines.split()[0])
+    assert {found for found in map(frozenset, versions.values()) if len(found) > 1} == set()
+
+
+def test_environment_of_a_run_lacks_what_only_some_commands_need():
+    least = set(_venv.packages_of({'runtime', 'ros'}))
+    for extra in _environment.EXTRAS:
+        assert not least & set(_venv.asked_of([extra]))
+    assert set(_venv.BUILD_ONLY) <= least  # and are removed once vision_msgs is built
 
 
 def test_windows_packages_are_left_out():

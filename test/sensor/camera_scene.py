@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A camera's frames: a sky with a slope and stars, noise, and an object that crosses it."""
 
 from lowsnr_sensor.conditioning.conditioner import ConditioningSettings

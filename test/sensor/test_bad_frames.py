@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Frames and pixels without content raise no alarm, and the next good frame is conditioned."""
 
 from lowsnr_common.core.records import Malformed

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Compressed video: what a codec copies from frame to frame is background, not a measurement."""
 
 from dataclasses import replace

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The conditioner turns real frames into unit white noise, and keeps objects."""
 
 from dataclasses import replace

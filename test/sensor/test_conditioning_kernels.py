@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The compiled loops of the conditioner compute what their definitions in NumPy do."""
 
 from dataclasses import replace
@@ -64,6 +65,15 @@ def test_sums_over_stripes_and_blocks_are_their_definitions(rng, shape):
     for found, wanted in zip(compiled_steps.block_sums(planes, local),
                              pixels.block_sums(planes, local)):
         np.testing.assert_allclose(found, wanted, **CLOSE)
+
+
+@pytest.mark.parametrize('shape', [(1, 1), *SHAPES])
+def test_variance_of_the_surroundings_is_its_definition_to_the_bit(rng, shape):
+    total, before = (single(rng.uniform(0.5, 9.0, shape)) for _ in range(2))
+    count = single(rng.integers(0, 17, shape) * (rng.random(shape) < 0.3))
+    found = compiled_steps.surroundings(total, count, before)
+    assert np.array_equal(found, pixels.surroundings(total, count, before))
+    assert found.size < 100 or (found == before).any()
 
 
 @pytest.mark.parametrize('shape', SHAPES)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The conditioner follows the motion of the camera, and only that."""
 
 from lowsnr_sensor.conditioning.conditioner import ConditioningSettings

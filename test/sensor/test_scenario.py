@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scenario files: their meaning, and one line that names each fault."""
 
 import errno
@@ -33,6 +34,19 @@ rows: 7
 cols: 5
 objects:
   - {first_frame: 5, last_frame: 12, random: {min_speed_mps: 0.1, max_speed_mps: 0.4}}
+"""
+BOUND = """
+rows: 30
+cols: 40
+frames: 30
+objects:
+  - first_frame: 3
+    last_frame: 25
+    random: {min_speed_mps: 0.1, max_speed_mps: 2.5, acceleration_density: 0.02}
+    origin: {x_m: 4.0, y_m: 25.0, std_m: 0.5}
+    destinations:
+      - {x_m: 30.0, y_m: 5.0, std_m: 0.0, probability: 0.5, earliest_frame: 20, latest_frame: 24}
+      - {x_m: 8.0, y_m: 5.0, std_m: 0.0, probability: 0.3, earliest_frame: 25, latest_frame: 25}
 """
 
 
@@ -77,6 +91,21 @@ def test_random_object_follows_the_generator(load):
 
     np.testing.assert_array_equal(states(1), states(1))
     assert not np.array_equal(states(1), states(2))
+
+
+def test_random_object_moves_from_its_origin_to_one_of_its_destinations(load):
+    scenario, ends = load(BOUND), []
+    for seed in range(100):
+        truth = scenario.truth(1.0, 1.0, np.random.default_rng(seed))
+        places = np.array([objects[0].state[POS] for objects in truth[2:25]])
+        assert np.linalg.norm(places[0] - (4.0, 25.0)) < 3.0
+        ends.append([float(abs(places[frames] - place).max(axis=1).min()) < 1e-9
+                     for frames, place in ((slice(17, 22), (30.0, 5.0)), ([22], (8.0, 5.0)))])
+    one, other = np.mean(ends, axis=0)
+    assert not np.any(np.all(ends, axis=1))
+    # Four standard errors; what does not fit into the frame changes no share.
+    assert one == pytest.approx(0.5, abs=0.2)
+    assert other == pytest.approx(0.3, abs=0.18)
 
 
 def test_object_that_noise_moves_out_of_the_frame_is_absent(load, rng):
@@ -136,6 +165,18 @@ BAD = [
      ['objects[0].random', 'turn_rates_deg_s']),
     (RANDOM.replace('max_speed_mps: 0.4', 'max_speed_mps: 0.0'),
      ['objects[0].random', 'max_speed_mps = 0.0']),
+    (BOUND.replace('x_m: 30.0', 'x_m: 40.0'), ['destinations[0]', '40.0', '40 x 30']),
+    (BOUND.replace('y_m: 25.0', 'y_m: 29.6'), ['object', 'origin', 'row 29.6', '40 x 30']),
+    (BOUND.replace('x_m: 4.0', 'x_m: -0.6'), ['object', 'origin', 'column -0.6', '40 x 30']),
+    (BOUND.replace('probability: 0.5', 'probability: 0.8'), ['objects[0]', 'probability', '1']),
+    (BOUND.replace('earliest_frame: 25', 'earliest_frame: 3').replace(
+        'latest_frame: 25', 'latest_frame: 9'),
+     ['destinations[1]', 'earliest_frame = 3', 'first_frame']),
+    (BOUND.replace('latest_frame: 24', 'latest_frame: 19'),
+     ['objects[0].destinations[0]', 'latest_frame = 19', '20']),
+    (BOUND.replace(', acceleration_density: 0.02', ', acceleration_density: 0'),
+     ['objects[0]', 'acceleration_density', 'above 0']),
+    (LEGS.replace('    legs:', '    origin: {}\n    legs:'), ['objects[0]', 'origin', 'random']),
     (RANDOM.replace('random: {', 'legs: [], random: {speed: 1.0, '),
      ['objects[0].random', 'speed']),
 ]

@@ -1,7 +1,10 @@
+# SPDX-License-Identifier: Apache-2.0
 """Simulated frames: moments of the noise, SNR of the objects, equal bytes for equal seeds."""
 
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.core.records import Truth
+from lowsnr_common.noise.settings import Noise
+from lowsnr_sensor.simulator import fluctuating
 from lowsnr_sensor.simulator import simulate_frame
 from lowsnr_sensor.simulator import simulate_frames
 import numpy as np
@@ -48,6 +51,29 @@ def test_objects_add_up_on_the_same_noise(blur_m, grid_shape):
     signal = sensor.signal(NEAR.state, grid_shape) + 10 ** (-4 / 20) * sensor.signal(
         FAINT.state, grid_shape)
     np.testing.assert_allclose(frame([NEAR, FAINT]) - frame([]), signal, atol=1e-6)
+
+
+def test_counts_of_photons_have_a_variance_that_grows_with_the_object(rng, grid_shape):
+    sensor = SensorModel(noise=Noise(model='poisson', background=9.0), noise_std=2.0)
+    frames = simulate_frames(RUNS * [[NEAR]], sensor, grid_shape, rng).astype(float)
+    counts = 9.0 + 3.0 * frames / 2.0
+    assert np.allclose(counts, np.rint(counts), atol=1e-4)
+    mean, other = counts[:, 5, 1], counts[:, 0, 0]
+    expected = 9.0 + 3.0 * 10 ** (6 / 20)
+    assert abs(mean.mean() - expected) < 4 * np.sqrt(expected / RUNS)
+    assert abs(mean.var() / expected - 1.0) < 4 * np.sqrt(2.5 / RUNS)
+    assert abs(other.var() / 9.0 - 1.0) < 4 * np.sqrt(2.5 / RUNS)
+
+
+def test_objects_fluctuate_each_on_its_own(rng):
+    truth = 200 * [[NEAR, FAINT]]
+    for fluctuation, fast in (('swerling1', False), ('swerling2', True), ('unknown', False)):
+        sensor = SensorModel(fluctuation=fluctuation)
+        found = fluctuating(truth, sensor, rng)
+        near, faint = np.array([[item.snr_offset_db for item in each] for each in found]).T
+        assert np.unique(near).size == (200 if fast else 1)
+        assert not np.intersect1d(near, faint + 4.0).size
+    assert fluctuating(truth, SensorModel(), rng) == truth
 
 
 def test_same_seed_gives_the_same_bytes(grid_shape):

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Trajectories: legs and splines against closed forms, random ones against their limits."""
 
 from lowsnr_common.core.motion import MotionModes

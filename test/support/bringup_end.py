@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bring-up's end of the line to a node in the process of the test."""
 
 import socket

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A headless Chromium, driven over the pipe of its debugging protocol."""
 
 import base64
@@ -8,6 +9,7 @@ import json
 import os
 from pathlib import Path
 import select
+import socket
 import subprocess
 import time
 from typing import Any
@@ -17,7 +19,7 @@ _FLAGS = (
     '--headless', '--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run',
     '--disable-background-networking', '--disable-component-update', '--disable-sync',
     '--hide-scrollbars', '--window-size=1100,1400', '--remote-debugging-pipe')
-_KEYS = {'ArrowLeft': 37, 'ArrowRight': 39}
+_KEYS = {'ArrowLeft': 37, 'ArrowRight': 39, 'Home': 36, 'End': 35, '+': 187, '0': 48, ' ': 32}
 
 
 class Browser:
@@ -46,9 +48,9 @@ class Browser:
         assert 'error' not in message, message
         return message['result']
 
-    def load(self, path: Path) -> None:
-        """Load a page and wait until it has run its scripts."""
-        self.call('Page.navigate', url=path.as_uri())
+    def load(self, page: Path | str) -> None:
+        """Load a file or an address, and wait until the page has run its scripts."""
+        self.call('Page.navigate', url=page if isinstance(page, str) else page.as_uri())
         until = time.monotonic() + _WITHIN_S
         while self.value('document.readyState') != 'complete':
             assert time.monotonic() < until, 'the page does not load'
@@ -94,9 +96,15 @@ class Browser:
         if message.get('method') == 'Network.requestWillBeSent':
             self.requests.append(params['request']['url'])
         elif message.get('method') == 'Runtime.exceptionThrown':
-            self.errors.append(params['exceptionDetails']['text'])
+            self.errors.append(str(params['exceptionDetails'].get('exception', params)))
         elif message.get('method') == 'Log.entryAdded' and params['entry']['level'] == 'error':
             self.errors.append(params['entry']['text'])
+
+
+def port_of_no_other() -> int:
+    """Return a free port that is none of those from which live pages choose theirs."""
+    with socket.create_server(('127.0.0.1', 0)) as probe:
+        return int(probe.getsockname()[1])
 
 
 @contextmanager

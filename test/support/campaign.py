@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A campaign of faults against a run with one detector, drawn from a generator."""
 
 from collections import Counter

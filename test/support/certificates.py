@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Certificates for TLS, made with openssl."""
 
 from pathlib import Path

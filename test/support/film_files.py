@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reading files of frames in tests."""
 
 from lowsnr_bringup.bags.errors import UnusableFile

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A program beside a graph: it subscribes, publishes, sets parameters and reads diagnostics."""
 
 from collections.abc import Iterable

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Start the real graph for a test, on a ROS domain of its own, and check that it ends."""
 
 import csv
@@ -31,7 +32,8 @@ _CLAIMS: list[int] = []  # open lock files; the claims end with this process
 def graph_environment(domain_id: int) -> dict[str, str]:
     """Return the environment of a graph that only this test can reach."""
     return os.environ | {
-        'ROS_DOMAIN_ID': str(domain_id), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+        'ROS_DOMAIN_ID': str(domain_id), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        'BROWSER': '', 'DISPLAY': '', 'WAYLAND_DISPLAY': ''}  # a page opens in no browser
 
 
 @functools.cache
@@ -100,9 +102,10 @@ class GraphRun:
         return json.loads((self.results / 'summary.json').read_text())
 
     def rows(self) -> list[str]:
-        """Return the rows of ``frames.csv`` without its header."""
+        """Return the whole rows of ``frames.csv`` without its header."""
         path = self.results / 'frames.csv'
-        return path.read_text().splitlines()[1:] if path.is_file() else []
+        lines = path.read_text().splitlines(keepends=True) if path.is_file() else []
+        return [line.rstrip('\n') for line in lines[1:] if line.endswith('\n')]
 
     def wait_for_rows(self, count: int, within_s: float = _ROWS_WITHIN_S) -> None:
         """Wait until ``frames.csv`` has this many rows."""

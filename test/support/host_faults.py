@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Faults of the host as the processes of a graph see it: its clock and its network."""
 
 from pathlib import Path

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Keystores of SROS 2 as far as their files go: with nothing in them, no middleware takes them."""
 
 from lowsnr_bringup.run.security import ENCLAVE_FILES

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Messages that every node must reject, of every type that nodes subscribe to; from one seed."""
 
 import array

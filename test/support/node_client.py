@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A program beside a node in the process of a test: it sets parameters and exchanges messages."""
 
 from lowsnr_common.core.records import Estimate

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """ROS contexts and nodes of a test, on a domain that only this test process uses."""
 
 from collections.abc import Iterator

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What must hold of a run after faults."""
 
 import signal
@@ -57,3 +58,18 @@ def first_answer_after(run, stamp_s):
     rows = [row.split(',') for row in run.rows()]
     return next((n for n, row in enumerate(rows, start=1) if float(row[1]) > stamp_s
                  and float(row[1]) < FUTURE_S and row[3] == 'tracking' and row[5]), 0)
+
+
+def check_lost_at_death(run):
+    """
+    Check that frames without an answer are those that were under way when a node died.
+
+    In a paced run on a busy machine there may be any number of them, but they are consecutive.
+    """
+    died, = (int(row['frame']) for row in run.restarts())
+    rows = [row.split(',') for row in run.rows()[::2]]
+    unanswered = [int(row[0]) for row in rows if not row[5]]
+    first = min(unanswered, default=died + 1)
+    assert first > died
+    assert unanswered == list(range(first, first + len(unanswered)))
+    assert len(rows) - first - len(unanswered) > 100

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 A graph on one host and strangers on another: two network namespaces with a wire between them.
 

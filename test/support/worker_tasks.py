@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tasks that the worker processes of a study run in tests."""
 
 from multiprocessing.connection import Connection

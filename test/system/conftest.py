@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Graphs for the system tests, and clients beside them."""
 
 from contextlib import ExitStack

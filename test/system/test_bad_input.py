@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A run that cannot start ends with code 2 and one line that names the culprit and a remedy."""
 
 from contextlib import closing
@@ -55,7 +56,7 @@ BAD_OPTIONS = [
     (['--set', 'cdt.alpha=0.1'], ['cdt.alpha=0.1', ' sdt, ', ' sensor', ' tracker', ' evaluator']),
     (['--set', 'sensor.sensor.noise_std=0'], ['sensor.sensor.noise_std=0', '(0.0, inf)']),
     (['--lockstep', '--rate', '5'], ['--lockstep', '--rate']),
-    (['--camera', '/camera/image_raw', '--replay', 'bag'], ['--camera', '--replay']),
+    (['--camera', '/camera/image_raw', '--replay', '.'], ['--camera', '--replay']),
     (['--camera', '/camera/image_raw', '--lockstep'], ['--camera', '--lockstep']),
     (['--camera', '/camera/image_raw', '--camera-within', '0'], ['--camera-within', "'0'"]),
     (['--scenario', LONG], [LONG]),

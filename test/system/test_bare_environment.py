@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A run as cron, systemd or a container starts it: no home, no terminal, any umask."""
 
 import os

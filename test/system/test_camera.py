@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A run on a live camera, which is a process of its own that stops and starts."""
 
 import os

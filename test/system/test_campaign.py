@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A short campaign of faults against one run: every frame is accounted for."""
 
 import signal

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Nodes that die, Ctrl-C, and a bring-up that is gone: nothing is left, nothing is lost."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Files with frames and bags of cameras are replayed with truth from a table, or refused first."""
 
 from astropy.io import fits
@@ -75,8 +76,11 @@ def test_bag_of_a_compressed_camera_loses_a_frame_without_stamp_and_is_scored(tm
 @pytest.mark.parametrize(('arguments', 'culprit'), [
     (('--period', '2'), '--period'), (('--truth', 'truth.csv'), '--truth'),
     (('--replay', 'night.mcap', '--select', 'SCI'), '--select')])
-def test_option_that_would_do_nothing_is_refused(arguments, culprit):
-    done = run_bringup(*arguments)
+def test_option_that_would_do_nothing_is_refused(tmp_path, arguments, culprit):
+    for name in ('night.mcap', 'truth.csv'):
+        (tmp_path / name).touch()
+    done = run_bringup(*(
+        str(tmp_path / word) if (tmp_path / word).exists() else word for word in arguments))
     assert (done.returncode, done.stdout, len(done.stderr.splitlines())) == (2, '', 1)
     assert culprit in done.stderr
 

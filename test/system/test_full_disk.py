@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A full disk, and folders that are removed in a run: the run goes on, and no score is lost."""
 
 import errno

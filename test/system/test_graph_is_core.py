@@ -1,12 +1,25 @@
-"""A run of the node graph gives the detections and tracks that the cores give."""
+# SPDX-License-Identifier: Apache-2.0
+"""A run of the node graph, and its replay, give the detections and tracks that the cores give."""
 
+from contextlib import closing
+import csv
+from dataclasses import replace
+import json
 from pathlib import Path
+import statistics
 
+from graph_runs import own_domain
+from graph_runs import start_bringup
+from lowsnr_bringup.bags.reader import Bag
 from lowsnr_bringup.plan import graph
+from lowsnr_bringup.plan.config_files import load_config
 from lowsnr_bringup.plan.run_options import RunOptions
 from lowsnr_bringup.plan.run_plan import plan_run
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.settings.node_settings import Evaluation
+from lowsnr_eval.ros.recorded_messages import score_bag
+from lowsnr_eval.scoring.recorded_chains import find_chains
+from lowsnr_eval.scoring.run_scoring import RunScorer
 from lowsnr_eval.study.experiment import Block
 from lowsnr_eval.study.experiment import run_block
 from lowsnr_eval.study.offline_chain import Chain
@@ -16,9 +29,12 @@ import pytest
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
 SEED, SNR_DB = 5, 9.0
-DETECTORS = ('sdt', 'mmtbd2')
+DETECTORS = ('sdt', 'mmtbd2', 'hmm')
+LAG = 3
 MANUAL = tuple(f'{name}.operating_point=manual' for name in DETECTORS) + (
-    'sdt.threshold=12.0', 'mmtbd2.threshold=0.5', 'mmtbd2.particles=800')
+    'sdt.threshold=12.0', 'mmtbd2.threshold=0.5', 'mmtbd2.particles=800', 'hmm.threshold=1.0',
+    f'hmm.lag={LAG}')
+SET = [word for text in MANUAL for word in ('--set', text)]
 
 
 def core_rows():
@@ -45,14 +61,27 @@ def core_rows():
     return rows
 
 
-def test_graph_run_and_core_run_of_a_seed_are_the_same(bringup):
-    run = bringup(
-        '--detector', *DETECTORS, '--scenario', 'example3', '--snr', str(SNR_DB),
-        '--seed', str(SEED), '--lockstep', *(word for text in MANUAL for word in ('--set', text)))
-    code, _, err = run.finish()
-    assert code == 0, err
+@pytest.fixture(scope='module')
+def recorded(tmp_path_factory):
+    """Return the results of a run, and its bag."""
+    folder = tmp_path_factory.mktemp('recorded')
+    with start_bringup(
+            folder / 'run', '--detector', *DETECTORS, '--scenario', 'example3', '--snr',
+            str(SNR_DB), '--seed', str(SEED), '--lockstep', *SET, '--record', str(folder / 'bag'),
+            domain_id=own_domain()) as run:
+        code, _, err = run.finish()
+        assert code == 0, err
+    return folder / 'run', folder / 'bag'
+
+
+def table(folder):
+    """Return the lines of ``frames.csv``."""
+    return (folder / 'frames.csv').read_text().splitlines()[1:]
+
+
+def test_graph_run_and_core_run_of_a_seed_are_the_same(recorded):
     graph_rows = {}
-    for line in run.rows():
+    for line in table(recorded[0]):
         frame, _, *cells = line.split(',')
         graph_rows[(int(frame), *cells[:2])] = cells[2:]
     hits = 0
@@ -65,3 +94,49 @@ def test_graph_run_and_core_run_of_a_seed_are_the_same(bringup):
             assert float(one or 'nan') == pytest.approx(other, rel=1e-8, nan_ok=True)
     assert not graph_rows
     assert hits > 40
+
+
+def test_every_frame_is_answered_and_the_summary_states_the_lag(recorded):
+    summary = json.loads((recorded[0] / 'summary.json').read_text())
+    assert summary['frames'] == {
+        'expected': 40, 'published': 40, 'scored': 40, 'unanswered': 0, 'unseen': 0, 'lost': 0}
+    assert [each['lag_frames'] for each in summary['detectors'].values()] == [0, 0, LAG]
+    late, soon = (summary['detectors'][name]['detection_latency_ms']['median']
+                  for name in ('hmm', 'sdt'))
+    assert late > soon
+
+
+def test_replay_of_late_answers_gives_the_same_bytes(recorded, bringup):
+    folder, bag = recorded
+    run = bringup('--replay', str(bag), '--detector', *DETECTORS, '--seed', str(SEED),
+                  '--snr', str(SNR_DB), '--lockstep', *SET)
+    code, _, err = run.finish()
+    assert code == 0, err
+    for name in ('frames.csv', 'detections.csv', 'tracks.csv'):
+        assert (run.results / name).read_bytes() == (folder / name).read_bytes()
+
+
+def test_bag_with_late_answers_is_scored_as_the_run_was(recorded, tmp_path):
+    folder, path = recorded
+    with Bag(path) as bag:
+        chains = find_chains(bag, load_config(CONFIG))
+        assert chains.run.lags == (0, 0, LAG)
+        with closing(RunScorer(
+                replace(chains.run, results=str(tmp_path)), chains.evaluation, print)) as scorer:
+            score_bag(bag, chains, scorer)
+    assert (tmp_path / 'frames.csv').read_bytes() == (folder / 'frames.csv').read_bytes()
+
+
+def test_without_truth_latencies_in_a_bag_begin_with_the_frames(recorded, tmp_path):
+    with Bag(recorded[1]) as bag:
+        chains = find_chains(bag, load_config(CONFIG))
+        run = replace(chains.run, results=str(tmp_path), truth=False)
+        with closing(RunScorer(run, chains.evaluation, print)) as scorer:
+            score_bag(bag, chains, scorer)
+    spent = {name: [] for name in DETECTORS}
+    with (tmp_path / 'latency.csv').open(newline='') as file:
+        for row in csv.DictReader(file):
+            spent[row['detector']].append(float(row['detection_ms']))
+    assert [len(each) for each in spent.values()] == [40, 40, 40]
+    assert all(min(each) > 0.0 for each in spent.values())
+    assert statistics.median(spent['hmm']) > statistics.median(spent['sdt'])

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Nodes that hang are named, and started again: in a run, while it starts, and at its end."""
 
 import os

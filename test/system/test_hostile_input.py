@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A client publishes malformed messages on every topic: the graph rejects them and runs on."""
 
 from functools import partial

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The shipped layouts for Foxglove and RViz show what the bag of a run holds."""
 
 import json
@@ -73,6 +74,14 @@ def test_foxglove_layout_has_the_panels_that_it_places(layout):
     placed = panels(layout['layout'])
     assert len(set(placed)) == len(placed)
     assert set(placed) == set(layout['configById'])
+
+
+def test_every_panel_is_of_a_kind_that_foxglove_has(layout):
+    # Of the panels that Foxglove documents, by the names that layouts give them.
+    known = {
+        '3D', 'DiagnosticStatusPanel', 'DiagnosticSummary', 'Gauge', 'Image', 'Indicator', 'Plot',
+        'RawMessages', 'RosOut', 'SourceInfo', 'StateTransitions', 'Table', 'TopicGraph'}
+    assert {panel.partition('!')[0] for panel in layout['configById']} <= known
 
 
 def test_foxglove_plots_find_their_numbers_in_a_bag(bag, layout):

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A running graph whose parameters another program sets, over DDS, while frames flow."""
 
 import math

@@ -1,6 +1,10 @@
+# SPDX-License-Identifier: Apache-2.0
 """The main job on the real graph: exit codes, scores, and the same results every time."""
 
+import re
+
 from graph_runs import own_domain
+from graph_runs import ROOT
 from graph_runs import start_bringup
 import lowsnr_detect.detectors  # noqa: F401  (its files register themselves)
 from lowsnr_detect.parts.registry import DETECTORS
@@ -16,8 +20,7 @@ def twice(tmp_path_factory):
     summary, printed, kept = folder / 'summary.json', [], []
     for _ in range(2):
         with start_bringup(
-                folder, '--detector', 'sdt', '--lockstep', '--seed', '7', '--snr', '12',
-                domain_id=own_domain()) as run:
+                folder, '--detector', 'sdt', '--lockstep', domain_id=own_domain()) as run:
             code, out, err = run.finish()
             assert code == 0, err
             run.wait_until_none_is_left()
@@ -36,6 +39,14 @@ def test_one_detector_scores_every_frame(twice):
     words = out.split()
     assert {'sdt', 'detection', 'tracking', str(FRAMES)} <= set(words)
     assert 'Traceback' not in out + err
+
+
+@pytest.mark.parametrize('page', ['README.md', 'docs/start.md'])
+def test_table_is_the_one_that_is_shown(twice, page):
+    _, ((out, _), _), _ = twice
+    text = (ROOT / page).read_text(encoding='utf-8')
+    shown = re.search(r'^example4, seed 0.*?by the detector -$', text, re.DOTALL | re.MULTILINE)
+    assert shown[0] in out, 'python benchmarks/readme.py writes it again'
 
 
 def test_lockstep_with_a_seed_gives_the_same_bytes_twice(twice):

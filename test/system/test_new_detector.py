@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The detector that CONTRIBUTING.md shows, added to a copy of the project: one file."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Real sequences from file to bag to graph: tracks lie on the object, in pixels of the raw frames.
 
@@ -15,6 +16,7 @@ from graph_runs import own_domain
 from graph_runs import start_bringup
 from lowsnr_bringup.bags.reader import Bag
 from lowsnr_common.ros import messages
+from lowsnr_eval.scoring.camera_table import read_views
 from lowsnr_eval.scoring.scene import read_scene
 import numpy as np
 import pytest
@@ -56,16 +58,24 @@ def replayed(tmp_path):
         # Whatever the conditioner does inside, answers are about the frame of their header.
         assert {message.header.frame_id for topic in ('/tracks', '/camera_motion')
                 for message in answers[topic]} == {answers['/image_raw'][0].header.frame_id}
-        # The report has each frame beside its conditioned cells, of two pixels a side.
-        lines, frames, cells = read_scene(tmp_path / 'run')
-        assert len(lines) == len(data['frames'])
-        for line, frame, plane in zip(lines, frames, cells):
-            assert frame.shape == data['frames'][0].shape
-            assert plane.shape == (frame.shape[0] // 2, frame.shape[1] // 2)
-            assert line['cells']['side'] == 2
+        check_results(tmp_path / 'run', data, answers)
         assert replay.summary()['detectors'][detector]['pfa_asked'] == 0.01
         return data, answers, replay.summary()
     return run
+
+
+def check_results(results, data, answers):
+    """Check the frames for the report, and the motion of the camera for smoothed paths."""
+    lines, frames, cells = read_scene(results)
+    assert len(lines) == len(data['frames'])
+    for line, frame, plane in zip(lines, frames, cells):
+        assert frame.shape == data['frames'][0].shape
+        assert plane.shape == (frame.shape[0] // 2, frame.shape[1] // 2)
+        assert line['cells']['side'] == 2
+    motion = [message.transform.translation for message in answers['/camera_motion']]
+    np.testing.assert_allclose(
+        [*read_views(results).values()], [(2, each.x, each.y) for each in motion],
+        rtol=1e-7, atol=1e-7)
 
 
 def recorded(bag):

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A run is recorded over DDS without loss; its replay and evaluation give the same scores."""
 
 import contextlib

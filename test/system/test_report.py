@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The report of a real run, opened in a real browser."""
 
 from browser import browser
@@ -15,6 +16,7 @@ def test_run_leaves_a_report_that_plays_without_a_network(bringup, tmp_path, req
     assert str(report) in out
     with browser(require_program('chromium'), tmp_path / 'profile') as page:
         page.load(report)
+        page.press('Home')  # it opens on an object
         texts, seen = [page.value(NUMBER)], {page.value(PICTURE)}
         for _ in range(FRAMES - 1):
             page.press('ArrowRight')

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The small ros2 on a running graph, and the line that bring-up prints for another terminal."""
 
 import io

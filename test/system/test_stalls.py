@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Stopped nodes, a flood of messages, and a network that fails: the graph recovers by itself."""
 
 import functools

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A stranger on the domain writes what only nodes of the run may say: nobody believes it."""
 
 from functools import partial

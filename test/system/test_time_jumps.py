@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Time that jumps, in the data and on the host: the graph goes on from there."""
 
 from functools import partial

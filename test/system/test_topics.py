@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What another program on the same host receives from a run."""
 
 from lowsnr_common.ros.messages import stamp_key

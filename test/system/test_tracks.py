@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Several objects in one scenario are followed on the real graph, each by one track."""
 
 import math

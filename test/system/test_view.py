@@ -1,8 +1,13 @@
+# SPDX-License-Identifier: Apache-2.0
 """What ``--view`` shows of a real run, and that showing it changes nothing."""
 
 import functools
 from pathlib import Path
+import signal
+import time
 
+from browser import browser
+from browser import port_of_no_other
 from graph_runs import own_domain
 from graph_runs import start_bringup
 from lowsnr_common.ros.inputs import drain
@@ -170,3 +175,38 @@ def test_run_goes_on_without_a_viewer_that_died(widowed):
     assert run.summary()['frames'] == {
         'expected': FRAMES, 'published': FRAMES, 'scored': FRAMES, 'unanswered': 0, 'unseen': 0,
         'lost': 0}
+
+
+def test_live_page_follows_the_run_and_its_viewer_that_was_started_again(
+    bringup, tmp_path, require_program,
+):
+    port = port_of_no_other()
+    run = bringup(
+        '--detector', 'cdt', '--loop', '--rate', '20', '--view', '--view-port', str(port))
+    with browser(require_program('chromium'), tmp_path / 'profile') as page:
+        run.wait_for_rows(2)
+        page.load(f'http://127.0.0.1:{port}/')
+
+        def wait_for(count):
+            run.wait_for_rows(len(run.rows()) + 2 * count)
+            until = time.monotonic() + 120.0
+            # The page of a viewer that was started again is loaded again.
+            while page.value('typeof lines === "object" ? lines.length : 0') < count:
+                assert time.monotonic() < until
+                time.sleep(0.05)
+
+        wait_for(50)
+        lines = page.value('lines.map(line => ({...line, greys: line.greys.length}))')
+        assert ({line['greys'] for line in lines}, lines[-1]['asked']) == ({SIZE * SIZE}, 0.01)
+        stamps = [line['stamp_s'] for line in lines]
+        assert stamps == sorted(set(stamps))
+        assert {len(line['truth']) for line in lines} == {0, 1}
+        run.kill('viewer_node')
+        run.wait_for_restarts(1)
+        page.value('lines.length = 0')
+        wait_for(5)
+        run.process.send_signal(signal.SIGINT)
+        code, _, err = run.finish()
+    assert code == 130
+    assert set(stamps) <= {float(row.split(',')[1]) for row in run.rows()}
+    assert err.count(f'http://127.0.0.1:{port}/') == 2

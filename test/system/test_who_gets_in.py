@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """No other host reaches a graph unless asked for; every node has its enclave."""
 
 import json

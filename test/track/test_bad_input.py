@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Unusable stamps and detections: rejected, counted, and without effect on the tracks."""
 
 import time

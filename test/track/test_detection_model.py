@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The model of the detector: likelihood ratio of scores, secondary detections, clutter."""
 
 from dataclasses import replace
@@ -5,8 +6,10 @@ from dataclasses import replace
 from lowsnr_track.detection_model import DetectionModel
 from lowsnr_track.measurements import Measurements
 from lowsnr_track.pda_mmpf import PdaMmpf
+from lowsnr_track.track_management import TrackLife
 import numpy as np
 import pytest
+from scipy.stats import expon
 from track.scenes import detection
 from track.scenes import follow
 
@@ -92,8 +95,18 @@ def test_higher_clutter_density_delays_confirmation(rng):
     first = []
     for density in (1e-4, 2e-3):
         tracker = PdaMmpf(rows=16, cols=24, detection=DetectionModel(
-            use_scores=False, clutter_density=density, clutter_memory_frames=0))
+            use_scores=False, clutter_density=density, clutter_memory_frames=0),
+            life=TrackLife(confirm_probability=0.95))
         tracker = replace(tracker, motion=replace(tracker.motion, max_speed_mps=0.1))
         first.append([bool(output.confirmed) for output in follow(tracker, frames, rng)].index(
             True))
     assert first[0] < first[1]
+
+
+@pytest.mark.parametrize('use_scores', [False, True])
+def test_repetition_is_the_ratio_of_two_exponentials(use_scores):
+    model = DetectionModel(use_scores=use_scores)
+    x = np.array([0.0, 2.0, 20.0])
+    found = model.repetition(1.0 / (1.0 + np.exp(-x))) * model.in_gate_probability
+    expected = expon.pdf(x, scale=1.7) / expon.pdf(x, scale=5.0) if use_scores else np.ones(3)
+    assert found == pytest.approx(expected, rel=1e-6)

@@ -1,14 +1,15 @@
+# SPDX-License-Identifier: Apache-2.0
 """The multiple-model particle filter against Kalman filters and the Markov chain itself."""
 
 from lowsnr_common.core.motion import MotionModes
 from lowsnr_common.core.motion import POS
 from lowsnr_common.core.motion import process_noise_cov
-from lowsnr_track.mmpf import concatenate
-from lowsnr_track.mmpf import equally_weighted
-from lowsnr_track.mmpf import Particles
 from lowsnr_track.mmpf import predict
 from lowsnr_track.mmpf import resample
 from lowsnr_track.mmpf import update
+from lowsnr_track.particles import concatenate
+from lowsnr_track.particles import equally_weighted
+from lowsnr_track.particles import Particles
 import numpy as np
 import pytest
 from track import oracles

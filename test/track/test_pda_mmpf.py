@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The whole tracker: existence against closed forms, and the life of tracks."""
 
 from dataclasses import replace
@@ -92,18 +93,42 @@ def motion_noise(motion):
     return np.kron(np.eye(2), step)
 
 
-def test_detections_that_share_frames_raise_existence_less(tracker):
-    gains = {}
+def test_false_detections_that_share_frames_may_be_repeated(tracker):
+    """The gain is that of Bayes' rule against "false, repeated with probability q"."""
+    gains, model = {}, tracker.detection
     for frames in (1, 4):
         settings = replace(
-            tracker, frames_per_detection=frames, life=TrackLife(lifetime_s=1e9))
+            tracker, frames_per_detection=frames, life=TrackLife(lifetime_s=1e12))
         for name, then in (('seen', [detection(9, 8)]), ('missed', [])):
             outputs = follow(settings, [[detection(9, 8)], then], np.random.default_rng(1))
             score = np.array([everything(output)[0].score for output in outputs])
-            gains[name, frames] = np.diff(np.log(score / (1 - score)))[0]
-    assert gains['seen', 1] == pytest.approx(2 * gains['seen', 4])
-    assert gains['missed', 1] == pytest.approx(gains['missed', 4])
-    assert gains['missed', 1] == pytest.approx(np.log1p(-PLAIN.in_gate_probability))
+            gains[name, frames] = np.exp(np.diff(np.log(score / (1 - score)))[0])
+    missed, q = 1 - model.in_gate_probability, model.repeated
+    assert gains['missed', 1] == pytest.approx(missed)
+    assert gains['missed', 4] == pytest.approx(missed / (1 - q))
+    seen = gains['seen', 1]
+    repeated = (seen - missed) / model.in_gate_probability
+    assert gains['seen', 4] == pytest.approx(seen / (1 - q + q * repeated))
+
+
+def test_falling_scores_and_a_miss_end_a_track_sooner_where_detections_share_frames(rng):
+    """Declarations of an object that has gone say less and less that it exists."""
+    path = straight(15)
+    alive = [[detection(*p, score=0.9999)] for p in path[:11]]
+    fading = [[detection(*p, score=score)] for p, score in zip(path[11:], (0.99, 0.9, 0.7))]
+    existence = {}
+    for frames in (1, 5):
+        tracker = PdaMmpf(
+            rows=16, cols=24, sensor=SensorModel(snr_db=9.0), frames_per_detection=frames,
+            particles=500)
+        outputs = follow(tracker, alive + fading + [[]], rng)
+        assert {item.id for output in outputs for item in everything(output)} == {'1'}
+        existence[frames] = [sum(item.score for item in output.confirmed) for output in outputs]
+    assert min(existence[1][10:14]) > 0.99
+    assert existence[1][14] > 0.5
+    assert existence[5][10] > 0.95
+    assert np.all(np.diff(existence[5][10:]) < 0.0)
+    assert existence[5][14] == 0.0  # released
 
 
 def test_two_crossing_objects_keep_their_ids(rng):
@@ -138,6 +163,9 @@ def test_track_that_leaves_the_frame_is_deleted(tracker, rng):
 
 
 def test_release_has_hysteresis(tracker, rng):
+    tracker = replace(
+        tracker, life=TrackLife(confirm_probability=0.95, release_probability=0.5),
+        detection=replace(PLAIN, probability=0.8))
     frames = [[detection(*p)] for p in straight(6)] + [[], [], [], []]
     outputs = follow(tracker, frames, rng)
     score = [everything(output)[0].score for output in outputs]

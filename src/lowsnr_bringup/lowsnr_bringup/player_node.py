@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The player node: publishes the frames and the truth of a bag, in place of the sensor."""
 
 from __future__ import annotations
@@ -64,7 +65,9 @@ class PlayerNode(ManagedNode):
             Image, 'image_raw', reliable(frame_depth(depth, playing.rows, playing.cols)))
         self._info = self.create_publisher(CameraInfo, 'camera_info', reliable(depth))
         self._data_time = self.create_publisher(Clock, DATA_TIME, reliable(depth))
-        self.outputs = {self._image: self.settings.consumers, self._data_time: 0}
+        self.outputs = {
+            self._image: self.frame_readers(self.settings.consumers),
+            self._data_time: 0}
         if playing.truth_topic:
             self._array = self.create_publisher(
                 Detection2DArray, 'ground_truth', reliable(depth))
@@ -72,16 +75,18 @@ class PlayerNode(ManagedNode):
                 Odometry, 'ground_truth/odometry', reliable(depth))
             self.outputs |= dict.fromkeys(
                 (self._array, self._odometry), bool(self.settings.consumers))
-        self._lockstep = Lockstep(self, self._publish_next, playing.patience_s)
+        self._lockstep = Lockstep(
+            self, self._publish_next, playing.patience_s, playing.lag)
         self._next = next(self._frames, None)
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Wait for the subscribers, and publish the first frame."""
         result = super().on_activate(state)
-        self._start_s, self._played = time.monotonic(), 0
-        self._first_stamp = self._next.stamp_ns if self._next else 0
-        self._timer = self.create_timer(_AT_ONCE_S, self._publish_next)
+        if self.active:
+            self._start_s, self._played = time.monotonic(), 0
+            self._first_stamp = self._next.stamp_ns if self._next else 0
+            self._timer = self.create_timer(_AT_ONCE_S, self._publish_next)
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -105,14 +110,13 @@ class PlayerNode(ManagedNode):
             return
         # The evaluator does not score a frame without truth where there is truth for others.
         scored = frame.truth is not None or not self.playing.truth_topic
-        waits = self.playing.lockstep and scored
-        if waits:
-            self._lockstep.sent(frame.stamp_ns)
         self._publish(frame)
         self._played += 1
         self.counts['out'] += 1
         self._next = next(self._frames, None)
-        if not waits:
+        if self.playing.lockstep and scored:
+            self._lockstep.sent(frame.stamp_ns)
+        else:
             self._timer.timer_period_ns = round(1e9 * max(_AT_ONCE_S, self._wait_s()))
             self._timer.reset()
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The recorder node: writes every topic of the run into a bag, as received over DDS."""
 
 from __future__ import annotations

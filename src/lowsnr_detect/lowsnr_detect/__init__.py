@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sections III, IV-A and V: detectors, calibration, detector node."""

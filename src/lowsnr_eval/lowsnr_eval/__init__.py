@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Section VI: scoring, Monte Carlo studies and reports."""

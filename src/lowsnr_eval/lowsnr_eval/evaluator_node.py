@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The evaluator node: scores the answers of every chain against the truth."""
 
 from __future__ import annotations
@@ -13,8 +14,10 @@ from lowsnr_common.core.records import Malformed
 from lowsnr_common.core.timeline import in_seconds
 from lowsnr_common.ros import messages
 from lowsnr_common.ros import run_records
+from lowsnr_common.ros.bringup_line import LAST_FRAME
 from lowsnr_common.ros.frame_maps import FrameMaps
 from lowsnr_common.ros.images import image_to_array
+from lowsnr_common.ros.inputs import Input
 from lowsnr_common.ros.managed_node import ManagedNode
 from lowsnr_common.ros.node_main import run
 from lowsnr_common.ros.parameters import declare
@@ -29,6 +32,7 @@ from lowsnr_eval.scoring.scene import WAITING
 from nav_msgs.msg import Odometry
 from rclpy.lifecycle import LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn
+from rosgraph_msgs.msg import Clock
 import scipy.optimize  # noqa: F401  (here, so that the first frame does not wait for it)
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
@@ -63,23 +67,32 @@ class EvaluatorNode(ManagedNode):
         self._restarted: deque[tuple[float, str]] = deque(maxlen=_MOST_RESTARTED)
         self._scored = self.create_publisher(DiagnosticArray, run_records.SCORED, depth)
         self.outputs = {self._scored: self.settings.consumers}
+        # Before the answers: a frame is taken before what is later than it.
+        self._pictures = self._listen_to_pictures()
         for topic in self._scorer.topics:
             states = self.listen(
                 Odometry, f'{topic}/odometry', partial(self._on_state, topic), depth,
                 steady=False)
             self.listen(
                 Detection2DArray, topic, partial(self._on_array, topic), depth, first=states)
-        self.listen(Image, 'image_raw', self._on_frame, any_reliability(WAITING))
-        if self.frames.conditioned:
-            maps = FrameMaps(self, True, self._on_cells)
-            self.listen(Image, 'conditioned/image_raw', maps.take, any_reliability(WAITING),
-                        first=maps.input)
         self.bringup.hear(run_records.RESTARTS, DiagnosticArray, self._on_restart)
+        self.bringup.hear(LAST_FRAME, Clock, lambda _: self._scorer.end_frames())
         self.create_timer(_FLUSH_EVERY_S, self._on_timer)
         return TransitionCallbackReturn.SUCCESS
 
+    def _listen_to_pictures(self) -> list[Input]:
+        """Subscribe to frames, and to their cells if they are conditioned."""
+        qos = any_reliability(WAITING)
+        found = [self.listen(Image, 'image_raw', self._on_frame, qos)]
+        if self.frames.conditioned:
+            maps = FrameMaps(self, True, self._on_cells, self._scorer.add_map)
+            found.append(self.listen(
+                Image, 'conditioned/image_raw', maps.take, qos, first=maps.input))
+        return found
+
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Score what has arrived, and write it to disk."""
+        self._scorer.end_frames()
         self._score(time.monotonic())
         self._scorer.scene.flush()
         self._flush()
@@ -97,6 +110,7 @@ class EvaluatorNode(ManagedNode):
 
     def _close(self) -> None:
         if scorer := self.__dict__.pop('_scorer', None):
+            scorer.end_frames()
             scorer.score(float('inf'))  # nothing more arrives of what it has seen
             scorer.close()
 
@@ -117,16 +131,22 @@ class EvaluatorNode(ManagedNode):
             self._score()
 
     def _on_frame(self, image: Image) -> None:
-        """Keep a frame for the report, which alone shows it."""
-        if self.active and not self._scorer.scene.full:
-            self._scorer.scene.add_frame(_stamp(image.header), image_to_array(image))
+        """Keep a frame for the report, and when it arrived."""
+        if self.active:
+            now_s = time.monotonic()
+            self._scorer.add_frame(_stamp(image.header), image_to_array(image), now_s)
 
     def _on_cells(self, image: Image, where: FrameMap | None) -> None:
         """Keep the cells of a conditioned frame for the report."""
-        if self.active and where is not None and not self._scorer.scene.full:
+        if self.active and where is not None:
             self._scorer.scene.add_cells(_stamp(image.header), image_to_array(image), where)
 
     def _on_timer(self) -> None:
+        if self._scorer.scene.full and self._pictures:
+            # Each reader of large frames costs their writers, too.  Maps are small: a conditioner
+            # that is started again waits for all their readers.
+            self.leave(*self._pictures)
+            self._pictures = []
         now_s = time.monotonic()
         while self._restarted and now_s - self._restarted[0][0] > _CAUGHT_UP_S:
             restarted_s, node = self._restarted.popleft()

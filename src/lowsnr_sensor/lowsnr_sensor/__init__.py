@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Section II: scenarios, simulated sensor, conditioning of real frames."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The conditioner node: it turns the frames of a real camera into those detectors expect."""
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from lowsnr_common.ros.parameters import declare
 from lowsnr_common.ros.qos import any_reliability
 from lowsnr_common.ros.qos import frame_depth
 from lowsnr_common.ros.qos import reliable
+from lowsnr_common.settings.node_settings import CameraFrameSettings
 from lowsnr_sensor.conditioning.conditioner import ConditioningSettings
 from lowsnr_sensor.conditioning.state import Conditioned
 from lowsnr_sensor.conditioning.state import ConditionerState
@@ -30,7 +32,7 @@ from sensor_msgs.msg import CameraInfo
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
-# Before the first frame the size is unknown: the queues are as deep as for frames of this size.
+# Where the size of frames is not known, the queues are as deep as for frames of this size.
 _ASSUMED_SHAPE = (1024, 1024)
 _WARM_UP_SHAPE, _WARM_UP_FRAMES = (64, 64), 6
 # From the scene of a node to that of the one after its restart: beyond what any camera turns.
@@ -51,23 +53,28 @@ class ConditionerNode(ManagedNode):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('conditioner', **kwargs)
+        self.camera = declare(self, CameraFrameSettings)
         self.conditioning = declare(self, ConditioningSettings)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Create publishers and the subscription, and load the compiled loops."""
         preload()
         depth, detectors = self.settings.queue_depth, self.settings.consumers
-        frames = frame_depth(depth, *_ASSUMED_SHAPE)
+        size = self.camera.rows, self.camera.cols
+        shape = size if all(size) else _ASSUMED_SHAPE
         self._conditioner_state: ConditionerState | None = None
         self._motion = self.create_publisher(TransformStamped, 'camera_motion', reliable(depth))
         self._info = self.create_publisher(
             CameraInfo, 'conditioned/camera_info', reliable(depth))
-        self._image = self.create_publisher(Image, 'conditioned/image_raw', reliable(frames))
+        self._image = self.create_publisher(
+            Image, 'conditioned/image_raw',
+            reliable(frame_depth(depth, *self.conditioning.size(shape))))
         evaluators = int(detectors > 0)
         self.outputs = {  # each detector has a tracker
             self._motion: 0, self._info: 2 * detectors + evaluators,
-            self._image: detectors + evaluators}
-        self.listen(Image, 'image_raw', self._on_frame, any_reliability(frames))
+            self._image: self.frame_readers(detectors + evaluators)}
+        self.listen(
+            Image, 'image_raw', self._on_frame, any_reliability(frame_depth(depth, *shape)))
         return TransitionCallbackReturn.SUCCESS
 
     def _on_frame(self, image: Image) -> None:

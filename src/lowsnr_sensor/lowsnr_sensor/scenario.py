@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Scenarios: which objects exist in which frames, and how they move.
 
@@ -15,7 +16,10 @@ from pathlib import Path
 from typing import Any
 from typing import TypeVar
 
+from lowsnr_common.core.bound_motion import DestinationDensity
+from lowsnr_common.core.bound_motion import PlaceDensity
 from lowsnr_common.core.motion import MotionModes
+from lowsnr_common.core.motion import VEL
 from lowsnr_common.core.records import Truth
 from lowsnr_common.settings.declare import check_settings
 from lowsnr_common.settings.declare import setting
@@ -48,6 +52,8 @@ class ScenarioObject:
     legs: tuple[Leg, ...] = ()
     waypoints: tuple[Waypoint, ...] = ()
     random: MotionModes | None = None
+    origin: PlaceDensity | None = None
+    destinations: tuple[DestinationDensity, ...] = ()
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -61,6 +67,7 @@ class ScenarioObject:
             raise ValueError('an object must have one of legs, waypoints and random')
         if bool(self.legs) != bool(self.start):
             raise ValueError('start and legs must be given together')
+        self._check_bound()
         ends = [leg.until_frame for leg in self.legs] or [p.frame for p in self.waypoints]
         if ends != sorted(set(ends)) or (ends and ends[0] < self.first_frame):
             raise ValueError('frames of legs or waypoints must increase, from first_frame on')
@@ -69,6 +76,22 @@ class ScenarioObject:
         if self.waypoints and (len(ends) < 2 or ends[0] != self.first_frame):
             raise ValueError('waypoints must be two or more, the first at first_frame')
 
+    def _check_bound(self) -> None:
+        """Check origin and destinations."""
+        if (self.origin or self.destinations) and not self.random:
+            raise ValueError('origin and destinations are for an object with random')
+        if self.destinations and self.random and not self.random.acceleration_density:
+            raise ValueError(
+                'random.acceleration_density = 0.0, must be above 0 for an object with '
+                'destinations: without process noise it could not reach them')
+        if sum(each.probability for each in self.destinations) > 1.0 + 1e-9:
+            raise ValueError('destinations: the sum of probability must be at most 1')
+        for number, each in enumerate(self.destinations):
+            if not self.first_frame < each.earliest_frame:
+                raise ValueError(
+                    f'destinations[{number}].earliest_frame = {each.earliest_frame}, must be '
+                    f'above first_frame = {self.first_frame}')
+
     def trajectory(
         self, scenario: Scenario, period_s: float, cell_size_m: float, rng: np.random.Generator,
     ) -> np.ndarray:
@@ -76,13 +99,22 @@ class ScenarioObject:
         count = self.last_frame - self.first_frame + 1
         if self.random is not None:
             extent = (scenario.cols * cell_size_m, scenario.rows * cell_size_m)
-            return random_trajectory(self.random, count, extent, cell_size_m, period_s, rng)
+            return random_trajectory(
+                self.random, count, extent, cell_size_m, period_s, rng, self.origin,
+                self.destinations, self.first_frame)
         if self.waypoints:
             return trajectory_through_waypoints(self.waypoints, period_s)
         assert self.start is not None
         return trajectory_along_legs(
             self.start, self.legs, self.first_frame, period_s,
             scenario.acceleration_density, rng)
+
+    def fastest_mps(self, scenario: Scenario, period_s: float, cell_size_m: float) -> float:
+        """Return the largest speed that it has, or may be drawn with [m/s]."""
+        if self.random is not None:
+            return self.random.max_speed_mps
+        states = self.trajectory(scenario, period_s, cell_size_m, np.random.default_rng(0))
+        return float(np.hypot(*states[:, VEL].T).max())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,7 +202,7 @@ def load_scenario(path: Path, period_s: float = 1.0, cell_size_m: float = 1.0) -
 
 _PARTS: dict[str, type] = {
     'objects': ScenarioObject, 'start': Start, 'legs': Leg, 'waypoints': Waypoint,
-    'random': MotionModes,
+    'random': MotionModes, 'origin': PlaceDensity, 'destinations': DestinationDensity,
 }
 
 
@@ -182,7 +214,7 @@ def _parse(cls: type[T], tree: Any, where: str) -> T:
     values: dict[str, Any] = {}
     for key in parts & set(tree):
         part, here = tree[key], f'{where}.{key}'.lstrip('.')
-        if key in ('objects', 'legs', 'waypoints'):
+        if key in ('objects', 'legs', 'waypoints', 'destinations'):
             if not isinstance(part, list):
                 raise ValueError(f'{here} must be a list')
             values[key] = tuple(
@@ -199,14 +231,21 @@ def _parse(cls: type[T], tree: Any, where: str) -> T:
 def _check_inside(scenario: Scenario, period_s: float, cell_size_m: float) -> None:
     limit = np.array([scenario.cols, scenario.rows]) - 0.5
     for item in scenario.objects:
+        places: dict[str, PlaceDensity] = {
+            f'destinations[{number}]': each for number, each in enumerate(item.destinations)}
+        for name, place in (places | ({'origin': item.origin} if item.origin else {})).items():
+            x, y = place.x_m / cell_size_m, place.y_m / cell_size_m
+            if not (-0.5 <= x < limit[0] and -0.5 <= y < limit[1]):
+                raise ValueError(
+                    f'object {item.id}: {name} is column {x:.1f}, row {y:.1f}, '
+                    f'outside the frame of {scenario.cols} x {scenario.rows} cells')
         states = item.trajectory(scenario, period_s, cell_size_m, np.random.default_rng(0))
         if scenario.acceleration_density > 0.0:
             continue
         pixel = states[:, [0, 2]] / cell_size_m
         outside = ~np.all((pixel >= -0.5) & (pixel < limit), axis=1)  # true for NaN
         if outside.any():
-            k = int(outside.argmax())
-            x, y = pixel[k]
+            x, y = pixel[k := int(outside.argmax())]
             raise ValueError(
                 f'object {item.id} leaves the frame at frame {item.first_frame + k} '
                 f'(column {x:.1f}, row {y:.1f} of {scenario.cols} x {scenario.rows} cells)')

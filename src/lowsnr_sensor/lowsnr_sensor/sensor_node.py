@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The sensor node: it publishes the frames and the truth of a scenario."""
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from lowsnr_common.ros.qos import frame_depth
 from lowsnr_common.ros.qos import reliable
 from lowsnr_common.settings.node_settings import SimulationSettings
 from lowsnr_sensor.scenario import load_scenario
+from lowsnr_sensor.simulator import fluctuating
 from lowsnr_sensor.simulator import simulate_frame
 from nav_msgs.msg import Odometry
 import numpy as np
@@ -38,7 +40,7 @@ class SensorNode(ManagedNode):
     Publish ``image_raw``, ``ground_truth``, ``ground_truth/odometry`` and ``/clock``.
 
     Frame k carries the stamp k T.  The node publishes frames at ``rate_hz`` of the wall clock; in
-    lockstep it publishes the next frame when the evaluator has scored the one before.  After the
+    lockstep it publishes the next frame when the evaluator has scored those before.  After the
     last frame it ends its process.
     """
 
@@ -54,8 +56,9 @@ class SensorNode(ManagedNode):
         depth, model = self.settings.queue_depth, self.simulation.sensor
         # Note: the noise of a restarted node differs from that of an uninterrupted run.
         self._noise = stream(self.settings.seed, 'noise', self.settings.lives)
-        self._truth = self.scenario.truth(
-            model.frame_period_s, model.cell_size_m, stream(self.settings.seed, 'truth'))
+        drawn = stream(self.settings.seed, 'truth')
+        self._truth = fluctuating(
+            self.scenario.truth(model.frame_period_s, model.cell_size_m, drawn), model, drawn)
         last = self.simulation.frames or self.scenario.frames
         first = 1 + max(0, round(self.simulation.resume_after_ns / 1e9 / model.frame_period_s))
         self._frames = iter(count(first) if self.simulation.loop else range(first, last + 1))
@@ -67,16 +70,19 @@ class SensorNode(ManagedNode):
             Odometry, 'ground_truth/odometry', reliable(depth))
         self._data_time = self.create_publisher(Clock, DATA_TIME, reliable(depth))
         self.outputs = {
-            self._image: self.settings.consumers, self._array: bool(self.settings.consumers),
+            self._image: self.frame_readers(self.settings.consumers),
+            self._array: bool(self.settings.consumers),
             self._odometry: bool(self.settings.consumers), self._data_time: 0}
-        self._lockstep = Lockstep(self, self._publish_next, self.simulation.patience_s)
+        self._lockstep = Lockstep(
+            self, self._publish_next, self.simulation.patience_s, self.simulation.lag)
         self._prepare()
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Start publishing once all subscribers are present."""
         result = super().on_activate(state)
-        self._timer = self.create_timer(1.0 / self.simulation.rate_hz, self._on_timer)
+        if self.active:
+            self._timer = self.create_timer(1.0 / self.simulation.rate_hz, self._on_timer)
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -106,8 +112,6 @@ class SensorNode(ManagedNode):
         header = Header(
             stamp=messages.stamp_from_seconds(k * self.simulation.sensor.frame_period_s),
             frame_id=FRAME_ID)
-        if self.simulation.lockstep:
-            self._lockstep.sent(messages.stamp_key(header.stamp))
         estimates = [Estimate(o.state, np.zeros((4, 4)), 1.0, o.id) for o in objects]
         data_time = Clock(clock=header.stamp)
         self._data_time.publish(data_time)
@@ -119,6 +123,8 @@ class SensorNode(ManagedNode):
         self.bringup.tell(DATA_TIME, data_time)  # last: what is told is not published again
         self.counts['out'] += 1
         self._prepare()
+        if self.simulation.lockstep:
+            self._lockstep.sent(messages.stamp_key(header.stamp))
 
     def _finish(self) -> None:
         """End the process once every subscriber has acknowledged every message."""

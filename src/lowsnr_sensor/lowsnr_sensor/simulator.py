@@ -1,11 +1,14 @@
-"""The simulated sensor: frames of objects and noise, eqs. (2) and (3)."""
+# SPDX-License-Identifier: Apache-2.0
+"""The simulated sensor: frames of objects and noise, eqs. (2) and (3), in any model of noise."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.core.records import Truth
+from lowsnr_common.noise.intensity import draw_offsets_db
 import numpy as np
 
 
@@ -33,11 +36,11 @@ def simulate_frame(
         Cell intensities, in the type of the published image.
 
     """
-    frame = sensor.noise_std * rng.standard_normal(shape)
+    signal = np.zeros(shape)
     for item in objects:
         scale = 10.0 ** (item.snr_offset_db / 20.0)
-        frame += scale * sensor.signal(item.state, shape)
-    return frame.astype(np.float32)
+        signal += scale * sensor.signal(item.state, shape)
+    return sensor.noise_model.draw(signal, rng).astype(np.float32)
 
 
 def simulate_frames(
@@ -46,3 +49,18 @@ def simulate_frames(
 ) -> np.ndarray:
     """Return the (K, rows, cols) float32 frames of a run, equal to those made one by one."""
     return np.stack([simulate_frame(objects, sensor, shape, rng) for objects in truth])
+
+
+def fluctuating(
+    truth: Sequence[Sequence[Truth]], sensor: SensorModel, rng: np.random.Generator,
+) -> list[list[Truth]]:
+    """Return the objects of a run with the SNR that each has in each frame, as it fluctuates."""
+    if sensor.fluctuation == 'constant':
+        return [list(present) for present in truth]
+    names = dict.fromkeys(item.id for present in truth for item in present)
+    offsets = {
+        name: draw_offsets_db(sensor.fluctuation, sensor.spread_db, len(truth), rng)
+        for name in names}
+    return [
+        [replace(item, snr_offset_db=item.snr_offset_db + float(offsets[item.id][k]))
+         for item in present] for k, present in enumerate(truth)]

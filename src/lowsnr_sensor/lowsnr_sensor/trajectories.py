@@ -1,10 +1,16 @@
+# SPDX-License-Identifier: Apache-2.0
 """Trajectories of objects: along legs, through waypoints, or at random."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from dataclasses import replace
 
+from lowsnr_common.core.bound_motion import DestinationDensity
+from lowsnr_common.core.bound_motion import draw_bound
+from lowsnr_common.core.bound_motion import move_bound
+from lowsnr_common.core.bound_motion import PlaceDensity
 from lowsnr_common.core.motion import MotionModes
 from lowsnr_common.core.motion import POS
 from lowsnr_common.core.motion import process_noise_sqrt
@@ -123,7 +129,8 @@ def trajectory_through_waypoints(waypoints: Sequence[Waypoint], period_s: float)
 
 def random_trajectory(
     motion: MotionModes, count: int, extent_m: tuple[float, float], cell_size_m: float,
-    period_s: float, rng: np.random.Generator,
+    period_s: float, rng: np.random.Generator, origin: PlaceDensity | None = None,
+    destinations: Sequence[DestinationDensity] = (), first_frame: int = 1,
 ) -> np.ndarray:
     """
     Draw a trajectory from motion modes, inside the frame and within the speed limits.
@@ -142,6 +149,12 @@ def random_trajectory(
         Time from a frame to the next [s].
     rng
         Source of randomness.
+    origin
+        Where it appears; None for uniform in the frame.
+    destinations
+        Where it may be bound for.
+    first_frame
+        Frame in which it appears, as that of an arrival is counted.
 
     Returns
     -------
@@ -159,15 +172,21 @@ def random_trajectory(
             f'a random trajectory of {count} frames must have at most {_MAX_RANDOM_FRAMES}')
     low = np.full(2, -cell_size_m / 2)
     high = np.array(extent_m) - cell_size_m / 2
+    chosen = _chosen(destinations, rng)
     for _ in range(_MAX_BATCHES):
         states = np.empty((_BATCH, 4))
-        states[:, POS] = rng.uniform(low, high, (_BATCH, 2))
+        states[:, POS] = (
+            origin.draw((_BATCH,), rng) if origin else rng.uniform(low, high, (_BATCH, 2)))
         states[:, VEL] = motion.draw_velocity((_BATCH,), rng)
         modes = rng.integers(motion.count, size=_BATCH)
         steps, fits = [states], np.ones(_BATCH, dtype=bool)
+        bound = draw_bound(chosen, (_BATCH,), rng) if chosen else None
         while len(steps) < count and fits.any():
             modes = motion.switch(modes, period_s, rng)
-            steps.append(motion.move(steps[-1], modes, period_s, rng))
+            steps.append(
+                motion.move(steps[-1], modes, period_s, rng) if bound is None else move_bound(
+                    motion, steps[-1], modes, bound.place,
+                    bound.left_s(first_frame + len(steps), period_s), period_s, rng))
             fits &= _fits(steps[-1], motion, low, high)
         fits &= _fits(steps[0], motion, low, high)
         if fits.any():
@@ -175,6 +194,25 @@ def random_trajectory(
     raise ValueError(
         f'no random trajectory of {count} frames fits into a frame of '
         f'{extent_m[0]:g} x {extent_m[1]:g} m at these speeds')
+
+
+def _chosen(
+    destinations: Sequence[DestinationDensity], rng: np.random.Generator,
+) -> list[DestinationDensity]:
+    """
+    Draw the one that an object is bound for, and the frame of its arrival; empty for none.
+
+    They are drawn once: what does not fit is drawn again, and would be chosen less often.
+    """
+    if not destinations:
+        return []
+    ends = np.cumsum([each.probability for each in destinations])
+    number = int(np.searchsorted(ends, rng.random(), side='right'))
+    if number == len(destinations):
+        return []
+    found = destinations[number]
+    arrival = int(rng.integers(found.earliest_frame, found.latest_frame + 1))
+    return [replace(found, probability=1.0, earliest_frame=arrival, latest_frame=arrival)]
 
 
 def _fits(

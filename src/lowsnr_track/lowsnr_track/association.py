@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Gating and association probabilities: which detection is of which track.
 
@@ -29,12 +30,12 @@ as a part of the probability of detection; the PDA filter has ``P_D N / lambda``
 
 from __future__ import annotations
 
-from lowsnr_common.core.compiled import compiled
 from lowsnr_common.core.motion import POS
 from lowsnr_common.core.particles import log_sum_exp
+from lowsnr_track import track_kernels
 from lowsnr_track.joint_association import log_exclusion
 from lowsnr_track.measurements import Measurements
-from lowsnr_track.mmpf import Particles
+from lowsnr_track.particles import Particles
 import numpy as np
 
 
@@ -57,28 +58,37 @@ def gate(
     bound
         Squared error of a detection that the gate allows for, in variances along an axis.
     max_gated
-        Largest number of detections a track, nearest first.
+        Largest number of detections a track; of more, those nearest to the predicted position.
 
     Returns
     -------
     (T, G) ndarray of int
-        Indices of the detections in each gate, in ascending Mahalanobis distance from the
-        predicted position; -1 fills the rows.
+        Indices of the detections in each gate; -1 fills the rows.
 
     """
-    inside = np.ones((len(particles.modes), len(measured)), dtype=bool)
-    for axis, column in enumerate(POS):
-        states, position = particles.states[..., column], measured.position[:, axis]
-        margin = np.sqrt(bound * measured.cov[:, axis, axis])
-        inside &= position + margin >= states.min(axis=-1)[:, None]
-        inside &= position - margin <= states.max(axis=-1)[:, None]
-    mean, cov = particles.position_moments
-    offset = measured.position - mean[:, None]
-    distance = _quadratic(offset[..., 0], offset[..., 1], cov[:, None] + measured.cov)
-    distance = np.where(inside, distance, np.inf)
-    size = min(max_gated, int(np.max(np.sum(inside, axis=1), initial=0)))
-    gated = np.argsort(distance, axis=1, kind='stable')[:, :size]
+    low, high = particles.box[:, :1], particles.box[:, 1:]
+    margin = np.sqrt(bound * np.diagonal(measured.cov, axis1=-2, axis2=-1))
+    inside = np.all(
+        (measured.position + margin >= low) & (measured.position - margin <= high), axis=-1)
+    most = int(np.max(np.sum(inside, axis=1), initial=0))
+    distance = np.where(inside, 0.0, np.inf)
+    if most > max_gated:
+        mean, cov = (part[..., POS] for part in particles.moments)
+        distance[inside] = _distance(measured, mean, cov[:, POS], inside)
+    gated = np.argsort(distance, axis=1, kind='stable')[:, :min(max_gated, most)]
     return np.where(np.take_along_axis(inside, gated, axis=1), gated, -1)
+
+
+def _distance(
+    measured: Measurements, mean: np.ndarray, cov: np.ndarray, inside: np.ndarray,
+) -> np.ndarray:
+    """Return the squared Mahalanobis distance of each detection from its track."""
+    track, detection = np.nonzero(inside)
+    offset = measured.position[detection] - mean[track]
+    spread = cov[track] + measured.cov[detection]
+    squared: np.ndarray = np.sum(
+        offset * np.linalg.solve(spread, offset[..., None])[..., 0], axis=-1)
+    return squared
 
 
 def log_likelihoods(
@@ -102,14 +112,56 @@ def log_likelihoods(
         Log densities [nat], of positions in metres; -inf where there is no detection.
 
     """
-    found: np.ndarray = _log_gaussians(
+    density = np.full((*gated.shape, particles.modes.shape[-1]), -np.inf)
+    _fill_log_gaussians(particles, measured, gated, density)
+    return density
+
+
+def _fill_log_gaussians(
+    particles: Particles, measured: Measurements, gated: np.ndarray, density: np.ndarray,
+) -> None:
+    track_kernels.log_gaussians(
         np.ascontiguousarray(particles.states), np.ascontiguousarray(measured.position),
-        np.ascontiguousarray(measured.cov), gated)
-    return found
+        np.ascontiguousarray(measured.cov), gated, density)
+
+
+def likelihood_ratios(
+    particles: Particles, measured: Measurements, scale: np.ndarray, gated: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return ``L_tj(x_n)`` for each particle and each detection in its gate, and their means L_tj.
+
+    Parameters
+    ----------
+    particles : Particles
+        Predicted particles, (T, N).
+    measured
+        Detections (m,).
+    scale : (T, G) ndarray
+        ``P_D P_G / lambda_j`` [m^2].
+    gated : (T, G) ndarray of int
+        Detections in each gate, -1 for none.
+
+    Returns
+    -------
+    (T, G, N) ndarray
+        Likelihood ratios; 0 where there is no detection.
+    (T, G) ndarray
+        Their means over the particles.
+
+    """
+    # Memory of zeros that nothing touches costs nothing.
+    ratio, mean = np.zeros((*gated.shape, particles.modes.shape[-1])), np.zeros(gated.shape)
+    _fill_log_gaussians(particles, measured, gated, ratio)
+    for t, g in zip(*np.nonzero(gated >= 0)):
+        row = np.exp(ratio[t, g], out=ratio[t, g])
+        row *= scale[t, g]
+        mean[t, g] = row @ particles.weights[t]
+    return ratio, mean
 
 
 def associate(
-    particles: Particles, existence: np.ndarray, detected: float, log_ratio: np.ndarray,
+    existence: np.ndarray, detected: np.ndarray, ratio: np.ndarray, mean: np.ndarray,
     gated: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """
@@ -117,14 +169,14 @@ def associate(
 
     Parameters
     ----------
-    particles : Particles
-        Predicted particles, (T, N).
     existence : (T,) ndarray
         Predicted existence probabilities pi_t.
-    detected
+    detected : (T,) ndarray
         P_D P_G.
-    log_ratio : (T, G, N) ndarray
-        ``log L_tj(x_n)`` [nat]; -inf for no detection.
+    ratio : (T, G, N) ndarray
+        ``L_tj(x_n)``; 0 for no detection.
+    mean : (T, G) ndarray
+        ``L_tj``.
     gated : (T, G) ndarray of int
         Detections in each gate, -1 for none.
 
@@ -136,16 +188,11 @@ def associate(
         Association probabilities beta_tj.
 
     """
-    # A logsumexp over particles and one over hypotheses, which share their exponentials.
-    peak = log_ratio.max(axis=-1, keepdims=True)
-    peak = np.where(np.isfinite(peak), peak, 0.0)
-    ratio = np.exp(log_ratio - peak)
     with np.errstate(divide='ignore'):
-        log_mean = peak + np.log(ratio @ np.exp(particles.log_weights)[..., None])
-    log_psi = log_mean[..., 0] + (np.log(existence) - np.log1p(-detected * existence))[:, None]
+        log_psi = np.log(mean) + (np.log(existence) - np.log1p(-detected * existence))[:, None]
     log_nu = log_exclusion(log_psi, gated)
-    mixture = np.swapaxes(np.exp(peak + log_nu[..., None]), -1, -2) @ ratio
-    return np.log(1.0 - detected + mixture[:, 0]), association_probabilities(log_psi, log_nu)
+    log_sum = track_kernels.log_mixtures(ratio, np.exp(log_nu), 1.0 - detected, gated)
+    return log_sum, association_probabilities(log_psi, log_nu)
 
 
 def association_probabilities(log_psi: np.ndarray, log_nu: np.ndarray) -> np.ndarray:
@@ -169,44 +216,3 @@ def sum_over_tracks(beta: np.ndarray, gated: np.ndarray, count: int) -> np.ndarr
     """Return the probability that each of ``count`` detections is of some track, (count,)."""
     found = gated >= 0
     return np.bincount(gated[found], beta[found], minlength=count)
-
-
-def _quadratic(dx: np.ndarray, dy: np.ndarray, cov: np.ndarray) -> np.ndarray:
-    """Return d' cov^-1 d for offsets (dx, dy) and covariances (..., 2, 2)."""
-    xx, xy, yy = cov[..., 0, 0], cov[..., 0, 1], cov[..., 1, 1]
-    scale = 1.0 / (xx * yy - xy**2)
-    squared: np.ndarray = dx**2 * (yy * scale) - dx * dy * (2.0 * xy * scale) + dy**2 * (
-        xx * scale)
-    return squared
-
-
-@compiled
-def _log_gaussians(
-    states: np.ndarray, position: np.ndarray, cov: np.ndarray, gated: np.ndarray,
-) -> np.ndarray:
-    """
-    Return the log density of positions (m, 2) with covariance (m, 2, 2) at states (T, N, 4).
-
-    ``gated`` (T, G) chooses the positions for each track, -1 for none; the result is (T, G, N).
-    """
-    tracks, count = states.shape[:2]
-    density = np.empty((tracks, gated.shape[1], count))
-    x, y = np.empty(count), np.empty(count)
-    for t in range(tracks):
-        for n in range(count):
-            x[n], y[n] = states[t, n, 0], states[t, n, 2]
-        for g in range(gated.shape[1]):
-            j = gated[t, g]
-            if j < 0:
-                density[t, g] = -np.inf
-                continue
-            xx, xy, yy = cov[j, 0, 0], cov[j, 0, 1], cov[j, 1, 1]
-            determinant = xx * yy - xy**2
-            of_x, of_y = -0.5 * yy / determinant, -0.5 * xx / determinant
-            of_both = xy / determinant
-            constant = np.log(2.0 * np.pi) + 0.5 * np.log(determinant)
-            z_x, z_y, out = position[j, 0], position[j, 1], density[t, g]
-            for n in range(count):
-                dx, dy = z_x - x[n], z_y - y[n]
-                out[n] = dx * dx * of_x + dx * dy * of_both + dy * dy * of_y - constant
-    return density

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The tracker's model of the detector: missed detections, false detections and scores."""
 
 from __future__ import annotations
@@ -16,6 +17,9 @@ _MAX_PRIMARY = 256
 # object; this is the posterior mean of a Poisson rate after 100 frames without a false detection
 # (Jeffreys' prior: 0.5 / 100).  A mean that forgets over 50 frames, the default, rests on 100.
 _MIN_FALSE_PER_FRAME = 0.005
+# Mean log odds of a false detection that repeats one of the frame before, and of an object's.
+_REPEATED_MEAN = 1.7
+_OBJECT_MEAN = 5.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,7 +27,7 @@ class DetectionModel:
     """Detection probability P_D, gate probability P_G and the densities of false detections."""
 
     probability: float = setting(
-        0.8, 'detection probability P_D of an object in a frame', gt=0.0, lt=1.0, live=True)
+        0.9, 'detection probability P_D of an object in a frame', gt=0.0, lt=1.0, live=True)
     gate_probability: float = setting(
         0.999, "gate probability P_G, that an object's detection lies in its track's gate",
         gt=0.0, lt=1.0, live=True)
@@ -41,6 +45,9 @@ class DetectionModel:
         0.01, 'density of secondary detections, false ones that an object causes around itself, '
         'a cell and frame: near a detection with a better score, within as many cells as a '
         'detection rests on frames', ge=0.0, le=1.0, live=True)
+    repeated: float = setting(
+        0.3, 'probability that a false detection which rests on several frames is repeated in '
+        'the next frame; half of it a frame later', ge=0.0, lt=1.0, live=True)
     use_scores: bool = setting(
         True, 'whether a detection counts more the better its score is')
     score_limit: float = setting(
@@ -81,10 +88,40 @@ class DetectionModel:
         """
         if not self.use_scores:
             return np.ones(len(score))
+        odds: np.ndarray = np.exp(np.minimum(self.log_odds(score), self.score_limit))
+        return odds / (1.0 + self.score_limit)
+
+    def repetition(self, score: np.ndarray) -> np.ndarray:
+        """
+        Return the likelihood ratio of each detection, "repeated" against "of an object".
+
+        Repeated false detections have better scores than others: on white noise their log odds
+        are exponential with a mean of 1.7, where those of others have a mean of one [nat].  Those
+        of an object of unknown brightness are taken as exponential with a mean of 5.
+
+        Parameters
+        ----------
+        score : (m,) ndarray
+            Probabilities that the detector states, 1/2 at its threshold.
+
+        Returns
+        -------
+        (m,) ndarray
+            ``p(x | repeated) / (P_D P_G p(x | object))``.
+
+        """
+        if not self.use_scores:
+            return np.full(len(score), 1.0 / self.in_gate_probability)
+        falls = 1.0 / _REPEATED_MEAN - 1.0 / _OBJECT_MEAN
+        ratio: np.ndarray = _OBJECT_MEAN / _REPEATED_MEAN * np.exp(-falls * self.log_odds(score))
+        return ratio / self.in_gate_probability
+
+    def log_odds(self, score: np.ndarray) -> np.ndarray:
+        """Return the log odds of scores above the threshold, from 0 to 36 nat."""
         with np.errstate(divide='ignore'):
             log_odds = np.log(score) - np.log1p(-score)
-        odds: np.ndarray = np.exp(np.clip(log_odds, 0.0, self.score_limit))
-        return odds / (1.0 + self.score_limit)
+        clipped: np.ndarray = np.clip(log_odds, 0.0, 36.0)
+        return clipped
 
     def secondary(self, measured: Measurements, reach_m: float) -> np.ndarray:
         """

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Joint association: a detection belongs to one track at most.
 
@@ -16,15 +17,20 @@ from __future__ import annotations
 
 from lowsnr_common.core.particles import log_sum_exp
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 _NONE = -1
 # The largest number of joint hypotheses that are enumerated, which takes a few milliseconds; a
 # larger cluster is approximated.
 _MAX_HYPOTHESES = 2000
-# Belief propagation converges at a geometric rate (Williams and Lau 2014); its approximation is
-# off by a few hundredths, so that an error of 1e-6 in nu is of no account.
-_MAX_ITERATIONS = 50
-_TOLERANCE = 1e-6
+# Belief propagation converges at a geometric rate (Williams and Lau 2014), but slowly where the
+# odds are high and many tracks share many detections.  For 6 tracks with the same 6 detections (30
+# draws of log psi, seeds 0 to 29) the largest change of a probability after 200 iterations is 6e-5
+# at log psi of 6 +- 2, 0.002 at 10 +- 2 and 0.02 at 20 +- 5, where the approximation itself is off
+# by up to 0.34, 0.44 and 0.45.  200 iterations take 10 ms.
+_MAX_ITERATIONS = 200
+_TOLERANCE = 1e-6  # relative to nu, which falls to 1 / exp(_MAX_LOG_PSI)
 # The largest log psi [nat].  Sums of 1 and psi are compared: exp(30) = 1e13 still leaves the 1
 # three digits of double precision.
 _MAX_LOG_PSI = 30.0
@@ -57,7 +63,7 @@ def log_exclusion(log_psi: np.ndarray, gated: np.ndarray) -> np.ndarray:
         if np.prod(1.0 + np.sum(detection >= 0, axis=1)) <= _MAX_HYPOTHESES:
             log_beta, log_none = log_marginals(psi, detection)
             with np.errstate(invalid='ignore'):
-                found = np.where(detection >= 0, log_beta - psi - log_none[:, None], 0.0)
+                found = np.where(psi > -np.inf, log_beta - psi - log_none[:, None], 0.0)
             log_nu[cluster] = np.minimum(found, 0.0)
         else:
             log_nu[cluster] = _belief_propagation(psi, detection)
@@ -84,17 +90,14 @@ def clusters(gated: np.ndarray) -> list[np.ndarray]:
         return []
     if np.bincount(gated[track, column]).max() < 2:
         return []
-    groups: list[tuple[set[int], list[int]]] = []  # detections and tracks
-    for number, row in enumerate(gated.tolist()):
-        found, members, apart = set(row) - {_NONE}, [number], []
-        for group in groups:
-            if found.isdisjoint(group[0]):
-                apart.append(group)
-            else:
-                found, members = found | group[0], group[1] + members
-        groups = [*apart, (found, members)]
-    shared = sorted(sorted(members) for _, members in groups if len(members) > 1)
-    return [np.array(members) for members in shared]
+    # A track and a detection in its gate are neighbours in a graph of T tracks and m detections.
+    tracks, size = len(gated), len(gated) + int(gated.max()) + 1
+    edges = coo_array(
+        (np.ones(track.size), (track, tracks + gated[track, column])), shape=(size, size))
+    _, label = connected_components(edges, directed=False)
+    order = np.argsort(label[:tracks], kind='stable')
+    groups = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
+    return [members for members in groups if len(members) > 1]
 
 
 def log_marginals(log_psi: np.ndarray, gated: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -161,6 +164,6 @@ def _belief_propagation(log_psi: np.ndarray, gated: np.ndarray) -> np.ndarray:
         mu = psi / (1.0 + np.maximum(others, 0.0))
         total = np.bincount(detection[found], mu[found], minlength=1)
         nu = 1.0 / (1.0 + np.maximum(total[detection] - mu, 0.0))
-        if np.max(abs(nu - before)) < _TOLERANCE:
+        if np.all(abs(nu - before) <= _TOLERANCE * nu):
             break
     return np.where(found, np.log(nu), 0.0)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From the detections of a frame to measurements: reject and count what cannot be used."""
 
 from __future__ import annotations
@@ -7,6 +8,7 @@ from dataclasses import dataclass
 
 from lowsnr_common.core.motion import POS
 from lowsnr_common.core.records import Estimate
+from lowsnr_common.core.records import Prediction
 import numpy as np
 
 NOT_FINITE = 'position or score is not finite'
@@ -15,6 +17,8 @@ OUTSIDE = 'outside the frame'
 DUPLICATE = 'same position as another'
 # The largest position and standard deviation [m]; its fourth power is still a number.
 FARTHEST_M = 1e9
+# The least variance of a prediction along any axis, as a fraction of the largest.
+_LEAST_VARIANCE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -30,12 +34,15 @@ class Measurements:
         Covariance of the position [m^2], positive definite.
     score : (m,) ndarray
         Probability that the detection is an object, as the detector states it.
+    predicted : Prediction or None
+        What the detector expected before the frame, if it says so of all detections.
 
     """
 
     position: np.ndarray
     cov: np.ndarray
     score: np.ndarray
+    predicted: Prediction | None = None
 
     def __len__(self) -> int:
         """Return the number of detections m."""
@@ -43,7 +50,9 @@ class Measurements:
 
     def __getitem__(self, index: np.ndarray) -> Measurements:
         """Return the detections that an index or mask picks."""
-        return Measurements(self.position[index], self.cov[index], self.score[index])
+        return Measurements(
+            self.position[index], self.cov[index], self.score[index],
+            None if self.predicted is None else self.predicted[index])
 
 
 def screen(
@@ -55,7 +64,8 @@ def screen(
     Parameters
     ----------
     detections
-        Declarations of one frame; their velocities are not used.
+        Declarations of one frame; their velocities are not used.  The predictions are used if
+        those of all can be: finite, with a probability and a positive definite covariance.
     extent : (2,) ndarray
         Columns and rows of the frame in metres; FARTHEST_M where unknown.
     cell_size_m
@@ -91,7 +101,8 @@ def screen(
     rejected[DUPLICATE] = int(usable.sum()) - len(kept)
     cov = _position_cov(cov[kept], cell_size_m)
     counted = {reason: number for reason, number in rejected.items() if number}
-    return Measurements(position[kept], cov, score[kept]), counted
+    predicted = _predictions([detections[n] for n in kept], cell_size_m)
+    return Measurements(position[kept], cov, score[kept], predicted), counted
 
 
 def _best_of_each_position(
@@ -102,6 +113,31 @@ def _best_of_each_position(
     best_first = usable[np.argsort(-score[usable], kind='stable')]
     _, first = np.unique(position[best_first], axis=0, return_index=True)
     return np.sort(best_first[first])
+
+
+def _predictions(detections: Sequence[Estimate], cell_size_m: float) -> Prediction | None:
+    """
+    Return what the detector predicted of all detections; None where it is not of use.
+
+    As of a detection, no error is smaller than that of rounding to a cell.
+    """
+    found = [item.predicted for item in detections if item.predicted is not None]
+    if not found or len(found) < len(detections):
+        return None
+    score = np.array([item.score for item in found], dtype=float)
+    position, cov = (
+        np.array([getattr(item, name) for item in found], dtype=float).reshape(-1, *shape)
+        for name, shape in (('position', (2,)), ('cov', (2, 2))))
+    least = _LEAST_VARIANCE * np.maximum(cov[:, 0, 0], cov[:, 1, 1])
+    sound = (score >= 0.0) & (score <= 1.0) & (abs(position) <= FARTHEST_M).all(axis=1)
+    sound &= (cov[:, 0, 1] == cov[:, 1, 0]) & (cov[:, 0, 0] > least) & (cov[:, 1, 1] > least)
+    sound &= (least <= _LEAST_VARIANCE * FARTHEST_M**2) & (
+        np.linalg.det(np.nan_to_num(cov, posinf=0.0, neginf=0.0)) > least**2)
+    if not sound.all():
+        return None
+    for axis in (0, 1):
+        cov[:, axis, axis] = np.maximum(cov[:, axis, axis], cell_size_m**2 / 12.0)
+    return Prediction(score, position, cov)
 
 
 def _position_cov(cov: np.ndarray, cell_size_m: float) -> np.ndarray:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The multiple-model particle filter: particles of states, each with its motion mode.
 
@@ -10,83 +11,65 @@ Arulampalam and Gordon, *Beyond the Kalman Filter* (2004), chapters 3 and 4.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from dataclasses import replace
-from functools import cached_property
 
+from lowsnr_common.core.bound_motion import Bound
+from lowsnr_common.core.bound_motion import move_bound
 from lowsnr_common.core.motion import MotionModes
 from lowsnr_common.core.motion import POS
-from lowsnr_common.core.particles import effective_size
-from lowsnr_common.core.particles import normalise
+from lowsnr_common.core.motion import process_noise_sqrt
 from lowsnr_common.core.particles import systematic_resample
-from lowsnr_common.core.particles import weighted_moments
+from lowsnr_track import track_kernels
+from lowsnr_track.particles import paired_noise
+from lowsnr_track.particles import Particles
 import numpy as np
 
 
-@dataclass(frozen=True)
-class Particles:
+def inside(
+    particles: Particles, low: np.ndarray, high: np.ndarray,
+) -> tuple[Particles, np.ndarray]:
     """
-    Weighted particles that represent the posterior of state and mode.
+    Take their weight from particles out of bounds.
 
     Parameters
     ----------
-    states : (..., N, 4) ndarray
-        States [m, m/s].
-    modes : (..., N) ndarray of int
-        Index of the mode that led to each state.
-    log_weights : (..., N) ndarray
-        Normalised log weights.
+    particles : Particles
+        Filters along one leading axis, (T, N).
+    low, high : (2,) ndarray
+        Bounds of the position [m]; the upper one is out of bounds.
+
+    Returns
+    -------
+    Particles
+        The particles within; where there is none, the weights are uniform.
+    (T,) ndarray
+        Weight of the particles within.
 
     """
-
-    states: np.ndarray
-    modes: np.ndarray
-    log_weights: np.ndarray
-
-    def __getitem__(self, index: np.ndarray) -> Particles:
-        """Return the filters that an index along the first axis picks."""
-        chosen = Particles(self.states[index], self.modes[index], self.log_weights[index])
-        if 'moments' in self.__dict__:
-            mean, cov = self.moments
-            chosen.__dict__['moments'] = mean[index], cov[index]
-        return chosen
-
-    @cached_property
-    def moments(self) -> tuple[np.ndarray, np.ndarray]:
-        """Mean (..., 4) and covariance (..., 4, 4) of the state."""
-        return weighted_moments(self.states, self.log_weights)
-
-    @cached_property
-    def position_moments(self) -> tuple[np.ndarray, np.ndarray]:
-        """Mean (..., 2) and covariance (..., 2, 2) of the position."""
-        return weighted_moments(self.states[..., POS], self.log_weights)
-
-    def mode_probabilities(self, count: int) -> np.ndarray:
-        """Return the probability of each of ``count`` modes, (..., count)."""
-        is_mode = self.modes[..., None] == np.arange(count)
-        probability: np.ndarray = np.sum(
-            np.exp(self.log_weights)[..., None] * is_mode, axis=-2)
-        return probability
-
-
-def equally_weighted(states: np.ndarray, modes: np.ndarray) -> Particles:
-    """Return particles of equal weight, from states (..., N, 4) and modes (..., N)."""
-    return Particles(states, modes, np.full(modes.shape, -np.log(modes.shape[-1])))
-
-
-def concatenate(first: Particles, second: Particles) -> Particles:
-    """Return the filters of both, one after the other along the first axis."""
-    return Particles(
-        np.concatenate([first.states, second.states]),
-        np.concatenate([first.modes, second.modes]),
-        np.concatenate([first.log_weights, second.log_weights]))
+    fraction = np.ones(len(particles.modes))
+    crossing = np.flatnonzero(
+        np.any((particles.box[:, 0] < low) | (particles.box[:, 1] >= high), axis=-1))
+    if crossing.size == 0:
+        return particles, fraction
+    position = particles.states[crossing][..., POS]
+    within = np.all((position >= low) & (position < high), axis=-1)
+    cut, log_fraction = update(particles[crossing], np.where(within, 0.0, -np.inf))
+    log_weights = particles.log_weights.copy()
+    log_weights[crossing], fraction[crossing] = cut.log_weights, np.exp(log_fraction)
+    after = replace(particles, log_weights=log_weights)
+    after.__dict__['box'] = particles.box
+    return after, fraction
 
 
 def predict(
     particles: Particles, motion: MotionModes, dt: float, steps: int, rng: np.random.Generator,
+    left_s: np.ndarray | None = None,
 ) -> Particles:
     """
     Draw the particles a time ``dt`` later: in each step the mode switches, then the state moves.
+
+    The n-th particles of all filters share their draws, unless they have destinations.  Each
+    filter is as random as it would be alone.
 
     Parameters
     ----------
@@ -100,13 +83,33 @@ def predict(
         Number of equal steps that divide it; a mode may switch in each.
     rng
         Source of randomness.
+    left_s : (..., N) ndarray, optional
+        Time from that frame to the arrival of each particle that carries a destination [s].
 
     """
-    states, modes = particles.states, particles.modes
-    for _ in range(steps):
-        modes = motion.switch(modes, dt / steps, rng)
-        states = motion.move(states, modes, dt / steps, rng)
+    states, modes, bound = particles.states, particles.modes, particles.bound
+    step_s = dt / steps
+    for number in range(1, steps + 1):
+        if bound is None or left_s is None:
+            states, modes = _move_tracks(states, modes, motion, step_s, rng)
+        else:
+            modes = motion.switch(modes, step_s, rng)
+            states = move_bound(
+                motion, states, modes, bound.place, left_s - number * step_s, step_s, rng)
     return replace(particles, states=states, modes=modes)
+
+
+def _move_tracks(
+    states: np.ndarray, modes: np.ndarray, motion: MotionModes, dt: float,
+    rng: np.random.Generator,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return states (T, N, 4) and modes (T, N) after a step."""
+    count = modes.shape[-1]
+    cumulative = np.cumsum(motion.mode_transition(dt), axis=1)[:, :-1]
+    noise = paired_noise(count, 4, rng) @ process_noise_sqrt(dt, motion.acceleration_density).T
+    moved: tuple[np.ndarray, np.ndarray] = track_kernels.move_tracks(
+        states, modes, cumulative, motion.transition_matrices(dt), rng.random(count), noise)
+    return moved
 
 
 def update(
@@ -130,13 +133,16 @@ def update(
         Log of the likelihood averaged over the prior; -inf where every one is zero.
 
     """
-    log_weights, log_evidence = normalise(particles.log_weights + log_likelihood)
-    return replace(particles, log_weights=log_weights), log_evidence
+    log_weights, weights, log_evidence = track_kernels.reweigh(
+        particles.log_weights, log_likelihood)
+    after = replace(particles, log_weights=log_weights)
+    after.__dict__['weights'] = weights
+    return after, log_evidence
 
 
 def resample(
     particles: Particles, below: float, power: float, roughening: float,
-    rng: np.random.Generator,
+    rng: np.random.Generator, kept: np.ndarray | None = None,
 ) -> Particles:
     """
     Resample the filters whose effective size is low, and roughen the drawn particles.
@@ -160,41 +166,40 @@ def resample(
         particles, the rate of Gordon, Salmond and Smith (1993) for four dimensions; 0 for none.
     rng
         Source of randomness.
+    kept : (T,) ndarray of bool
+        Filters to return; all by default.
 
     """
-    if len(particles.modes) == 0:
-        return particles
-    count = particles.log_weights.shape[-1]
-    low = np.flatnonzero(effective_size(particles.log_weights) <= below * count)
+    count = particles.modes.shape[-1]
+    chosen = np.arange(len(particles.modes)) if kept is None else np.flatnonzero(kept)
+    size = 1.0 / np.einsum('tn,tn->t', particles.weights, particles.weights)[chosen]
+    low = np.flatnonzero(size <= below * count)
     if low.size == 0:
-        return particles
-    drawn = systematic_resample(power * particles.log_weights[low], count, rng)
-    states, modes = particles.states.copy(), particles.modes.copy()
-    log_weights = particles.log_weights.copy()
+        return particles if len(chosen) == len(particles.modes) else particles[chosen]
+    source = chosen[low]
+    draw = np.full(len(chosen), -1)
+    draw[low] = np.arange(low.size)
+    drawn = systematic_resample(power * particles.log_weights[source], count, rng)
+    states, modes, log_weights, weights = track_kernels.drawn_particles(
+        particles.states, particles.modes, particles.log_weights, particles.weights, chosen,
+        draw, drawn, 1.0 - power)
     width = min(roughening * count**-0.25, 1.0)
-    mean, cov = particles.moments
-    for t, index in zip(low, drawn):
-        modes[t] = particles.modes[t].take(index)
-        states[t] = particles.states[t].take(index, axis=0)
-        log_weights[t], _ = normalise((1.0 - power) * particles.log_weights[t].take(index))
-        if width > 0.0:
-            _roughen(states[t], mean[t], cov[t], width, rng)
-    return Particles(states, modes, log_weights)
+    if width > 0.0:
+        mean, cov = (part[source] for part in particles.moments)
+        # Particles in a plane or a point have no Cholesky factor without the ridge.
+        ridge = 1e-9 * np.trace(cov, axis1=-2, axis2=-1) + 1e-200
+        factor = width * np.linalg.cholesky(cov + ridge[:, None, None] * np.eye(4))
+        track_kernels.roughen(
+            states, low, mean, np.sqrt(1.0 - width**2), factor, paired_noise(count, 4, rng))
+    bound = particles.bound and _drawn_bound(particles.bound, chosen, low, drawn)
+    after = Particles(states, modes, log_weights, bound)
+    after.__dict__['weights'] = weights
+    return after
 
 
-def _roughen(
-    states: np.ndarray, mean: np.ndarray, cov: np.ndarray, width: float,
-    rng: np.random.Generator,
-) -> None:
-    """Shrink the states (N, 4) of one filter towards their mean and add noise, in place."""
-    # Particles in a plane or a point have no Cholesky factor without the ridge.
-    ridge = (1e-9 * np.trace(cov) + 1e-200) * np.eye(4)
-    factor = width * np.linalg.cholesky(cov + ridge).T
-    shrinkage = np.sqrt(1.0 - width**2)
-    states *= shrinkage
-    states += (1.0 - shrinkage) * mean
-    # Pairs of opposite sign leave the mean where it is.
-    half = len(states) // 2
-    noise = rng.standard_normal((len(states) - half, 4)) @ factor
-    states[half:] += noise
-    states[:half] -= noise[:half]
+def _drawn_bound(bound: Bound, chosen: np.ndarray, low: np.ndarray, drawn: np.ndarray) -> Bound:
+    """Return the destinations of the chosen tracks (C,), those in ``low`` drawn by (L, N)."""
+    index = np.tile(np.arange(drawn.shape[1]), (len(chosen), 1))
+    index[low] = drawn
+    rows = chosen[:, None]
+    return Bound(bound.place[rows, index], bound.arrival[rows, index])

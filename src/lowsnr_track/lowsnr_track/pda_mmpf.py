@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 PDA-MMPF, the tracker of Section IV-B: detections in, tracks out.
 
@@ -17,9 +18,9 @@ from dataclasses import dataclass
 from dataclasses import field
 from dataclasses import replace
 
+from lowsnr_common.core.bound_motion import Destinations
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.core.motion import MotionModes
-from lowsnr_common.core.motion import POS
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.settings.declare import check_settings
 from lowsnr_common.settings.declare import fixed
@@ -27,18 +28,22 @@ from lowsnr_common.settings.declare import setting
 from lowsnr_track import association
 from lowsnr_track import mmpf
 from lowsnr_track.detection_model import DetectionModel
+from lowsnr_track.detector_memory import detector_memory
+from lowsnr_track.detector_memory import weigh_endings
+from lowsnr_track.evidence import frame_evidence
+from lowsnr_track.existence import update
+from lowsnr_track.existence import update_from_posterior
 from lowsnr_track.measurements import FARTHEST_M
 from lowsnr_track.measurements import Measurements
 from lowsnr_track.measurements import screen
 from lowsnr_track.track_management import TrackLife
+from lowsnr_track.tracks import MAX_EXISTENCE
 from lowsnr_track.tracks import no_tracks
+from lowsnr_track.tracks import start_tracks
 from lowsnr_track.tracks import TrackerOutput
 from lowsnr_track.tracks import TrackerState
 from lowsnr_track.tracks import Tracks
 import numpy as np
-
-# The largest existence probability; beyond it 1 - P would lose its last digits.
-_MAX_EXISTENCE = 1.0 - 1e-12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,6 +52,7 @@ class PdaMmpf:
 
     sensor: SensorModel = fixed(SensorModel)
     motion: MotionModes = field(default_factory=MotionModes)
+    destinations: Destinations = field(default_factory=Destinations)
     detection: DetectionModel = field(default_factory=DetectionModel)
     life: TrackLife = field(default_factory=TrackLife)
     rows: int = setting(0, 'rows of a frame, 0 for unknown', ge=0, le=16384)
@@ -67,26 +73,26 @@ class PdaMmpf:
 
     def __post_init__(self) -> None:
         check_settings(self)
+        self.destinations.check_motion(self.motion)
 
     def init(self) -> TrackerState:
         """Return the state before the first frame."""
-        return TrackerState(None, 0, 1, self.detection.clutter_density, no_tracks(self.particles))
+        return TrackerState(None, 0, 1, self.detection.clutter_density, self._no_tracks)
 
     def restart(self, state: TrackerState) -> TrackerState:
         """
         Return the state for a stream whose clock was set back, or that shows another scene.
 
-        No track can be predicted, since the time step is unknown: all are deleted.  Their
-        numbers are not used again, and the estimate of the clutter density stays.
+        All tracks are deleted, since the time step is unknown, and frames are counted anew.
+        Numbers of tracks are not used again, and the estimate of the clutter density stays.
         """
-        return replace(state, stamp_s=None, tracks=no_tracks(self.particles))
+        return replace(state, stamp_s=None, first_s=None, tracks=self._no_tracks)
 
     def resume(self, state: TrackerState, before: PdaMmpf) -> TrackerState:
         """
         Return the state of a tracker with other settings, for these to continue.
 
-        Tracks stay.  A new value of the clutter density replaces the estimate, which continues
-        from it.
+        Tracks stay.  The estimate continues from a new value of the clutter density.
         """
         density = self.detection.clutter_density
         if density == before.detection.clutter_density:
@@ -105,7 +111,7 @@ class PdaMmpf:
         state
             State after the frame before.
         detections
-            Declarations of this frame; only positions and scores are used.
+            Declarations of this frame; positions, scores and predictions are used.
         stamp_s
             Time of the frame [s].
         rng
@@ -133,77 +139,69 @@ class PdaMmpf:
         gated = association.gate(tracks.particles, measured, model.gate_bound, model.max_gated)
         clutter = state.clutter_density / model.score_ratio(measured.score)
         density = clutter + model.secondary(measured, reach)
-        # Association probabilities beta_tj, and the sum over them for each particle.
-        log_ratio, beta = association.associate(
-            tracks.particles, tracks.existence, model.in_gate_probability,
-            self._log_ratios(tracks, measured, density, gated), gated)
-        # Update of weights and existence.
-        tracks = self._update(tracks, log_ratio)
+        # Association probabilities beta_tj, and the update of weights and existence.
+        posteriors = measured.predicted is not None if len(measured) else state.posteriors
+        tracks, beta = self._associate(tracks, measured, density, gated, posteriors)
         # Births from detections of no track; merging, deletion and confirmation.
         births, false = self._births(
             measured, association.sum_over_tracks(beta, gated, len(measured)), density,
             state.next_id, rng)
-        tracks = self.life.manage(tracks.join(births))
-        output = TrackerOutput(
-            tracks.estimates(tracks.confirmed), tracks.estimates(~tracks.confirmed), rejected)
+        tracks, kept = self.life.manage(tracks.join(births))
+        output = tracks.output(kept, rejected)
         # One resampling, after mixing.
         particles = mmpf.resample(
-            tracks.particles, self.resample_below, self.resample_power, self.roughening, rng)
+            tracks.particles, self.resample_below, self.resample_power, self.roughening, rng,
+            kept)
         return TrackerState(
             stamp_s, state.frames + 1, state.next_id + len(births), model.estimated_clutter(
                 state.clutter_density, float(np.sum(false * clutter / density)),
                 self.rows * self.cols, state.frames),
-            replace(tracks, particles=particles)), output
+            tracks.picked(kept, particles), posteriors,
+            stamp_s if state.first_s is None else state.first_s), output
 
     def _predict(self, state: TrackerState, stamp_s: float, rng: np.random.Generator) -> Tracks:
         """Predict every track; an object outside the frame does not exist."""
         tracks, dt = state.tracks, _elapsed(state.stamp_s, stamp_s)
         if len(tracks) == 0 or dt > self.life.max_gap_s:
-            return no_tracks(self.particles)
+            return self._no_tracks
         # A mode may switch in every frame period, whether or not its frame arrived.
-        steps = max(1, round(dt / self.sensor.frame_period_s))
-        particles = mmpf.predict(tracks.particles, self.motion, dt, steps, rng)
+        period_s, bound = self.sensor.frame_period_s, tracks.particles.bound
+        steps = max(1, round(dt / period_s))
+        left_s = bound.left_s(state.frame(period_s), period_s) if bound else None
+        particles = mmpf.predict(tracks.particles, self.motion, dt, steps, rng, left_s)
         survival = np.full(len(tracks), np.exp(-dt / self.life.lifetime_s))
         if self.rows and self.cols:
-            log_inside = self._log_inside(particles.states)
-            if log_inside.min(initial=0.0) < 0.0:
-                particles, log_fraction = mmpf.update(particles, log_inside)
-                survival *= np.exp(log_fraction)
-        return self.life.prune(
-            replace(tracks, particles=particles, existence=tracks.existence * survival))
+            half = self.sensor.cell_size_m / 2
+            particles, fraction = mmpf.inside(
+                particles, np.full(2, -half), self._extent_m - half)
+            survival *= fraction
+        tracks = replace(tracks.aged(survival, steps), particles=particles)
+        if state.posteriors:  # such a detector declares nothing that has ended
+            tracks = replace(tracks, ended=np.zeros_like(tracks.ended))
+        return self.life.prune(tracks)
 
-    def _log_inside(self, states: np.ndarray) -> np.ndarray:
-        """Return 0 for particles in the frame and -inf for others, (T, N)."""
-        half = self.sensor.cell_size_m / 2
-        (x, y), (cols, rows) = (states[..., axis] for axis in POS), self._extent_m - half
-        inside = (x >= -half) & (x < cols) & (y >= -half) & (y < rows)
-        return np.where(inside, 0.0, -np.inf)
-
-    def _log_ratios(
+    def _associate(
         self, tracks: Tracks, measured: Measurements, density: np.ndarray, gated: np.ndarray,
-    ) -> np.ndarray:
-        """Return log L_tj(x_n) = log(P_D P_G N(z_j; H x_n, R_j) / lambda_j), (T, G, N)."""
-        cell_m2 = self.sensor.cell_size_m**2  # lambda_j is a density in cells, N in metres
-        factor = np.log(self.detection.in_gate_probability * cell_m2 / density)
-        log_ratio = association.log_likelihoods(tracks.particles, measured, gated)
-        log_ratio += factor[gated][..., None]
-        return log_ratio
-
-    def _update(self, tracks: Tracks, log_ratio: np.ndarray) -> Tracks:
-        """
-        Multiply the weights by the likelihood ratios (T, N), and update P(chi_k | Z^k).
-
-        With the predicted pi and the mean likelihood ratio g it is ``pi g / (1 - pi + pi g)``.
-
-        Note: detections that share frames repeat that there is an object, so that log g, where it
-        is positive, is divided by the square root of ``frames_per_detection``.  The errors of
-        their positions are independent, and a missed detection repeats nothing.
-        """
-        particles, log_gain = mmpf.update(tracks.particles, log_ratio)
-        gain = np.exp(log_gain / np.where(log_gain > 0.0, self.frames_per_detection**0.5, 1.0))
-        existence = tracks.existence * gain / (1.0 + tracks.existence * (gain - 1.0))
-        return replace(
-            tracks, particles=particles, existence=np.minimum(existence, _MAX_EXISTENCE))
+        posteriors: bool,
+    ) -> tuple[Tracks, np.ndarray]:
+        """Return the updated tracks, and beta_tj (T, G)."""
+        model, detected = self.detection, self.detection.in_gate_probability
+        scale = (detected * self.sensor.cell_size_m**2 / density)[gated]
+        if posteriors:
+            ratio, mean = association.likelihood_ratios(tracks.particles, measured, scale, gated)
+            _, beta = association.associate(
+                tracks.existence, np.full(len(tracks), detected), ratio, mean, gated)
+            return update_from_posterior(tracks, frame_evidence(measured).mixed(
+                tracks, detected, ratio, beta, gated)), beta
+        snr = 10.0 ** (self.sensor.snr_db / 10.0)
+        endings = weigh_endings(
+            model, detector_memory(model.probability, self.frames_per_detection, snr),
+            tracks, measured.score, gated)
+        ratio, mean = association.likelihood_ratios(
+            tracks.particles, measured, scale * endings.ratio, gated)
+        log_mixture, beta = association.associate(
+            tracks.followed, endings.detected, ratio, mean, gated)
+        return update(tracks, log_mixture, beta, endings, self._repeated), beta
 
     def _births(
         self, measured: Measurements, tracked: np.ndarray, density: np.ndarray, first_id: int,
@@ -213,14 +211,30 @@ class PdaMmpf:
         Start tracks from detections that may be of a new object.
 
         A detection is of no track with probability ``1 - tracked``, and then false, or of a new
-        object at odds of P_D times the birth density over lambda_j.  Returns the tracks, and
-        the probability (m,) that each detection is false.
+        object at odds of P_D times the birth density over lambda_j; of a detector with a
+        posterior, at the odds that it states.  Returns the tracks, and the probability (m,) that
+        each detection is false.
         """
         odds = self.detection.probability * self.life.birth_density / density
+        if measured.predicted is not None:
+            prob = np.minimum(measured.score, MAX_EXISTENCE)
+            odds = prob / (1.0 - prob)
         false = np.maximum(1.0 - tracked, 0.0) / (1.0 + odds)
-        births = self.life.births(
-            measured, false * odds, first_id, self.motion, self.particles, rng)
-        return births, false
+        born = self.life.born(false * odds)
+        if born.size == 0:
+            return self._no_tracks, false
+        return start_tracks(
+            measured[born], (false * odds)[born], first_id, self.motion, self.particles, rng,
+            self.frames_per_detection, self._repeated, self.destinations.densities), false
+
+    @property
+    def _no_tracks(self) -> Tracks:
+        return no_tracks(self.particles, self.frames_per_detection)
+
+    @property
+    def _repeated(self) -> float:
+        """Probability that a false detection is repeated; 0 of one that rests on one frame."""
+        return self.detection.repeated if self.frames_per_detection > 1 else 0.0
 
     @property
     def _extent_m(self) -> np.ndarray:

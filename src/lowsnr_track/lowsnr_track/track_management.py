@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Track management: births, confirmation with hysteresis, merging and deletion."""
 
 from __future__ import annotations
@@ -5,12 +6,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from dataclasses import replace
 
-from lowsnr_common.core.motion import MotionModes
+from lowsnr_common.core.motion import POS
 from lowsnr_common.settings.declare import check_settings
 from lowsnr_common.settings.declare import setting
-from lowsnr_track.measurements import Measurements
-from lowsnr_track.tracks import no_tracks
-from lowsnr_track.tracks import start_tracks
 from lowsnr_track.tracks import Tracks
 import numpy as np
 
@@ -23,10 +21,13 @@ class TrackLife:
         2.5e-5, 'birth density: new objects a cell and frame', gt=0.0, le=1.0, live=True)
     lifetime_s: float = setting(30.0, 'mean time that an object exists [s]', gt=0.0)
     confirm_probability: float = setting(
-        0.95, 'existence probability at which a track is confirmed', gt=0.0, lt=1.0, live=True)
+        0.5, 'existence probability at which a track is confirmed', gt=0.0, lt=1.0, live=True)
     release_probability: float = setting(
-        0.5, 'existence probability below which a track is no longer confirmed', gt=0.0, lt=1.0,
+        0.3, 'existence probability below which a track is no longer confirmed', gt=0.0, lt=1.0,
         live=True)
+    false_tracks: float = setting(
+        0.0, 'false tracks a frame, to which bringup.py and lowsnr.track calibrate '
+        'confirm_probability before the first frame; 0 keeps confirm_probability', ge=0.0, lt=1.0)
     delete_probability: float = setting(
         0.005, 'existence probability below which a track is deleted', gt=0.0, lt=1.0, live=True)
     merge_distance: float = setting(
@@ -44,34 +45,31 @@ class TrackLife:
             raise ValueError(
                 f'TrackLife.delete_, release_ and confirm_probability = {rising}, must not fall')
 
-    def births(
-        self, measured: Measurements, existence: np.ndarray, first_id: int, motion: MotionModes,
-        count: int, rng: np.random.Generator,
-    ) -> Tracks:
-        """Start tracks from the detections that are most likely new, as :func:`start_tracks`."""
+    def born(self, existence: np.ndarray) -> np.ndarray:
+        """Return the detections that start a track, by their probability of a new object."""
         chosen = np.argsort(-existence, kind='stable')[:self.max_tracks]
-        chosen = np.sort(chosen[existence[chosen] >= self.delete_probability])
-        if chosen.size == 0:
-            return no_tracks(count)
-        return start_tracks(measured[chosen], existence[chosen], first_id, motion, count, rng)
+        return np.sort(chosen[existence[chosen] >= self.delete_probability])
 
-    def manage(self, tracks: Tracks) -> Tracks:
-        """Merge tracks of one object, delete unlikely ones, confirm likely ones."""
-        if len(tracks) == 0:
-            return tracks
-        tracks = self.prune(self.merge(tracks))
+    def manage(self, tracks: Tracks) -> tuple[Tracks, np.ndarray]:
+        """Merge tracks of one object, confirm likely ones; return them and which to keep (T,)."""
+        tracks, kept = self.merge(tracks)
         bound = np.where(
             tracks.confirmed, self.release_probability, self.confirm_probability)
-        return replace(tracks, confirmed=tracks.existence >= bound)
+        return replace(tracks, confirmed=tracks.existence >= bound), self.lasting(tracks, kept)
 
     def prune(self, tracks: Tracks) -> Tracks:
         """Delete tracks that are unlikely to exist, and the least likely of too many."""
-        kept = tracks.existence >= self.delete_probability
-        if len(tracks) > self.max_tracks:
-            kept[_rank(tracks)[self.max_tracks:]] = False
-        return tracks if kept.all() else tracks[kept]
+        lasting = self.lasting(tracks, np.ones(len(tracks), dtype=bool))
+        return tracks if lasting.all() else tracks[lasting]
 
-    def merge(self, tracks: Tracks) -> Tracks:
+    def lasting(self, tracks: Tracks, kept: np.ndarray) -> np.ndarray:
+        """Return which of the kept tracks are likely enough, and not too many, (T,)."""
+        lasting = kept & (tracks.followed >= self.delete_probability)
+        order = _rank(tracks)
+        lasting[order[lasting[order]][self.max_tracks:]] = False
+        return lasting
+
+    def merge(self, tracks: Tracks) -> tuple[Tracks, np.ndarray]:
         """
         Merge tracks that follow one object.
 
@@ -82,35 +80,47 @@ class TrackLife:
         Returns
         -------
         Tracks
-            Of each pair within ``merge_distance`` that is one object, the track that is
-            confirmed, more likely or older, with the probability that either exists.
+            The same tracks; of each pair within ``merge_distance`` that is one object, the track
+            that is confirmed, more likely or older has the probability that either exists.
+        (T,) ndarray of bool
+            Which tracks are left; the others are merged into these.
 
         """
+        kept = np.ones(len(tracks), dtype=bool)
         if len(tracks) < 2 or self.merge_distance == 0.0:
-            return tracks
-        near = self._near(tracks)
+            return tracks, kept
+        near: np.ndarray = self._near(tracks)
         if not near.any():
-            return tracks
-        existence, kept = tracks.existence.copy(), np.ones(len(tracks), dtype=bool)
-        for n in _rank(tracks):
-            near[n, n] = False
+            return tracks, kept
+        existence = tracks.existence.copy()
+        before = 1.0 - existence
+        order = _rank(tracks)
+        for n in order[np.any(near[order], axis=1)]:
             for other in np.flatnonzero(near[n] & kept & kept[n]):
                 if existence[n] + existence[other] <= 1.5:
                     kept[other] = False
                     existence[n] += (1.0 - existence[n]) * existence[other]
             near[:, n] = False
-        return replace(tracks, existence=existence)[kept]
+        # What the other track adds to existence is taken from all else in proportion.
+        ended = tracks.ended * ((1.0 - existence) / before)[:, None]
+        return replace(tracks, existence=existence, ended=ended), kept
 
     def _near(self, tracks: Tracks) -> np.ndarray:
         """Return which tracks are within the distance, by their mean covariance, (T, T)."""
         mean, cov = tracks.particles.moments
-        one, two = np.triu_indices(len(tracks), 1)
+        # A distance is at least that along any one axis.
+        variance = np.diagonal(cov, axis1=-2, axis2=-1)
+        near = np.triu(np.ones((len(tracks),) * 2, dtype=bool), 1)
+        for axis in POS:
+            offset = mean[:, None, axis] - mean[:, axis]
+            spread = (variance[:, None, axis] + variance[:, axis]) / 2.0 + 1e-12
+            near &= offset**2 <= self.merge_distance**2 * spread
+        one, two = np.nonzero(near)
         offset = mean[one] - mean[two]
         spread = (cov[one] + cov[two]) / 2.0 + 1e-12 * np.eye(4)
         squared = np.sum(offset * np.linalg.solve(spread, offset[..., None])[..., 0], axis=-1)
-        near = np.zeros((len(tracks), len(tracks)), dtype=bool)
-        near[one, two] = near[two, one] = squared <= self.merge_distance**2
-        return near
+        near[one, two] = squared <= self.merge_distance**2
+        return near | near.T
 
 
 def _rank(tracks: Tracks) -> np.ndarray:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The tracker node: ``detections`` in, ``tracks`` out."""
 
 from __future__ import annotations

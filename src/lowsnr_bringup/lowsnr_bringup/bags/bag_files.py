@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The files of a bag: found, and kept within its folder."""
 
 from __future__ import annotations

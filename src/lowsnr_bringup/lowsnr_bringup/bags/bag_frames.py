@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The frames of a topic of a bag: read through, checked, and those in order picked."""
 
 from __future__ import annotations

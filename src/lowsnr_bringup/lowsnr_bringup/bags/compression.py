@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Compressed parts of bags, unpacked to no more bytes than they declare."""
 
 from __future__ import annotations

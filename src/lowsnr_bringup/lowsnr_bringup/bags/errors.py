@@ -1,7 +1,11 @@
+# SPDX-License-Identifier: Apache-2.0
 """What goes wrong with files: the error that names one, and all that reading one can raise."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 import sqlite3
 import struct
@@ -10,13 +14,20 @@ import zipfile
 import zlib
 
 from lowsnr_common.settings.text import printable
-from mcap.exceptions import McapError
-from rosbags.serde import SerdeError
-from zstandard import ZstdError
+
+
+def _raised_by_libraries() -> Iterator[type[Exception]]:
+    """Yield the errors of the libraries that read bags, of those that are installed."""
+    for module, name in (
+            ('mcap.exceptions', 'McapError'), ('rosbags.serde', 'SerdeError'),
+            ('zstandard', 'ZstdError')):
+        with suppress(ModuleNotFoundError):
+            yield getattr(import_module(module), name)
+
 
 # Reading a file that holds arbitrary bytes can raise any of these, in our code and in libraries.
-UNREADABLE = (
-    McapError, SerdeError, ZstdError, sqlite3.Error, struct.error, zlib.error,
+UNREADABLE: tuple[type[Exception], ...] = (
+    *_raised_by_libraries(), sqlite3.Error, struct.error, zlib.error,
     tokenize.TokenError, zipfile.BadZipFile, OSError, ValueError, LookupError, TypeError,
     AttributeError, AssertionError, ArithmeticError, MemoryError, RuntimeError, SyntaxError,
     EOFError)

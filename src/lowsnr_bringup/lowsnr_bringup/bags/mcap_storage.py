@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 MCAP storage files, by the ``mcap`` package.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Reading rosbag2 bags of any writer, whole or damaged.
 

@@ -1,10 +1,9 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a replay must know about a bag before it starts: from its metadata and its frames."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from dataclasses import field
 from pathlib import Path
 from typing import Any
 
@@ -15,69 +14,14 @@ from lowsnr_bringup.bags.bag_frames import IMAGE
 from lowsnr_bringup.bags.bag_frames import read_frames
 from lowsnr_bringup.bags.reader import Bag
 from lowsnr_bringup.bags.recording import CUSTOM_PARAMETERS
+from lowsnr_bringup.plan.recorded_frames import FRAMES
+from lowsnr_bringup.plan.recorded_frames import RecordedRun
 from lowsnr_common.settings.text import load_yaml
 from lowsnr_common.settings.text import one_line
 import numpy as np
 
 ARRAY = 'vision_msgs/msg/Detection2DArray'
 CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
-_FRAMES = '/image_raw'
-
-
-@dataclass(frozen=True)
-class RecordedRun:
-    """
-    The frames of a bag or a camera, and the run that they belong to.
-
-    Attributes
-    ----------
-    name
-        Name of the scenario; that of the bag if its metadata do not name a scenario.
-    frames
-        Their number; 0 for a camera, whose frames have no end.
-    rows, cols
-        Size of a frame.
-    period_s
-        Median time between frames [s]; 1 for a single frame.
-    truth
-        Whether the bag has truth.
-    raw
-        Whether the frames have a background and noise of their own, and need a conditioner.
-    simulated
-        Whether the frames are simulated: then the settings of motion apply as they are.
-    encoding
-        Encoding of the images.
-    seed, sensor
-        Seed and settings ``sensor.*`` of the run, if the metadata hold them.
-    notes : list of str
-        A line for each thing that is damaged or missing.
-    frames_topic
-        Topic of the frames.
-    compressed
-        Whether a camera sends compressed images.
-    left_out : tuple of int
-        Indices of the frames whose stamps are not in order, see :func:`increasing`.
-    blank
-        The first frame with a pixel that is not a finite number up to 1e9; empty if none has.
-
-    """
-
-    name: str
-    frames: int
-    rows: int
-    cols: int
-    period_s: float
-    truth: bool
-    raw: bool
-    simulated: bool = False
-    encoding: str = '32FC1'
-    seed: int | None = None
-    sensor: Mapping[str, Any] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
-    frames_topic: str = _FRAMES
-    compressed: bool = False
-    left_out: tuple[int, ...] = ()
-    blank: str = ''
 
 
 def inspect_bag(path: Path, frames_topic: str | None, truth_topic: str) -> RecordedRun:
@@ -159,8 +103,8 @@ def frames_of(path: Path, frames_topic: str | None) -> BagFrames:
 def recorded_frames_topic(bag: Bag, parameters: Mapping[str, Mapping[str, Any]]) -> str:
     """Return the topic of the frames that entered a recorded run, by its parameters."""
     topics = parameters.get('/recorder', {}).get('topics')
-    first = str(topics[0]) if isinstance(topics, list) and topics else _FRAMES
-    return first if first in bag.topics else _FRAMES
+    first = str(topics[0]) if isinstance(topics, list) and topics else FRAMES
+    return first if first in bag.topics else FRAMES
 
 
 def recorded_parameters(bag: Bag) -> dict[str, dict[str, Any]]:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recording a run: the counts of the recorder, and a summary of its bags."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Replaying a bag: its frames, each with its truth."""
 
 from __future__ import annotations

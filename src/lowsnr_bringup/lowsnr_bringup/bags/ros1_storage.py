@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Images in bags of ROS 1, as messages of ROS 2."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 SQLite storage files, by the standard library, with the tables of rosbag2.
 

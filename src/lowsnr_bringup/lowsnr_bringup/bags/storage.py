@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the two storage formats of bags have in common: topics, and the interfaces to them."""
 
 from __future__ import annotations

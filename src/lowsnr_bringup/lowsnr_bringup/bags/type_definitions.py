@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Message types: the definitions and hashes that the installed packages give them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Writing rosbag2 bags that are readable up to the last ``sync``, however the writer ends.
 

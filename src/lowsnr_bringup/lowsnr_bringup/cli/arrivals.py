@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The rate and the delay of messages, from the times at which they arrive."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What ``ros2 bag info`` prints of a bag."""
 
 from __future__ import annotations

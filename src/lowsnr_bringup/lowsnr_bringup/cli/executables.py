@@ -1,7 +1,9 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where ``ros2 run`` finds the executables of a package, and how it starts them."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from importlib import import_module
 from importlib.util import find_spec
 import os
@@ -9,6 +11,7 @@ from pathlib import Path
 import sys
 from typing import NoReturn
 
+from lowsnr_bringup.cli import commands
 from lowsnr_bringup.plan import graph
 from lowsnr_common.settings.text import did_you_mean
 from lowsnr_detect.parts.registry import DETECTORS
@@ -18,14 +21,15 @@ _DETECTOR_NODE = graph.node_kind('sdt_detector').module
 
 
 def own_executables() -> dict[tuple[str, str], tuple[str, str]]:
-    """Return module and function of every node of this project, by package and executable."""
+    """Return module and function of every node and command, by package and executable."""
     modules = [kind.module for kind in graph.KINDS.values()]
     found = {
         (module.partition('.')[0], module.rpartition('.')[2]): (module, 'main')
         for module in modules}
     package = _DETECTOR_NODE.partition('.')[0]
     return found | {
-        (package, f'{name}_node'): (_DETECTOR_NODE, name) for name in DETECTORS}
+        (package, f'{name}_node'): (_DETECTOR_NODE, name) for name in DETECTORS} | {
+        (commands.PACKAGE, name): (commands.__name__, name) for name in commands.COMMANDS}
 
 
 def installed_executable(package: str, name: str) -> Path | None:
@@ -47,9 +51,16 @@ def installed_executable(package: str, name: str) -> Path | None:
     return None
 
 
+def _installed_first(environ: Mapping[str, str]) -> dict[str, str]:
+    """Return the environment in which installed packages come before those of a checkout."""
+    paths = environ.get('PYTHONPATH', '').split(os.pathsep)
+    paths.sort(key=lambda path: Path(path, 'package.xml').is_file())  # and else as they are
+    return {**environ, 'PYTHONPATH': os.pathsep.join(paths)}
+
+
 def run_executable(package: str, name: str, arguments: list[str]) -> NoReturn:
     """
-    Become the executable of a package: an installed one, or a node of this project.
+    Become the executable of a package: an installed one, or a node or command of this project.
 
     Raises
     ------
@@ -60,7 +71,7 @@ def run_executable(package: str, name: str, arguments: list[str]) -> NoReturn:
     own = own_executables()
     path = installed_executable(package, name)
     if path is not None:
-        os.execv(path, [str(path), *arguments])
+        os.execve(path, [str(path), *arguments], _installed_first(os.environ))
     if (package, name) not in own:
         names = [each for known, each in own if known == package]
         if not names:

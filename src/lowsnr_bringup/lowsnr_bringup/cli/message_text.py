@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Messages as the text that ``ros2 topic echo`` prints."""
 
 from __future__ import annotations

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Formats of files with frames, read within bounds whatever a file declares."""

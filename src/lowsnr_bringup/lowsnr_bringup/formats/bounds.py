@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The largest frame that is read: a small file can declare, or unpack to, gigabytes."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The frames of a film, of one size and type, with their stamps."""
 
 from __future__ import annotations

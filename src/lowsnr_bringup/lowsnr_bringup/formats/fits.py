@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Frames of FITS files: images, extensions, cubes and compressed images, with their times.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Times in the headers of FITS files: DATE-OBS and its older forms, and time axes of cubes."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Compressed FITS images, unpacked by a process of their own.
 

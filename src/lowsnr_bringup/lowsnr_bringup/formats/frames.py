@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What every format gives: frames with their times, read one after the other."""
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ class TimedFrame(NamedTuple):
     """
     A frame as the file holds it, and its time.
 
-    Attributes
+    Parameters
     ----------
     pixels : (rows, cols) or (rows, cols, channels) ndarray
         Channels are grey and perhaps alpha, or red, green, blue and perhaps alpha; a NaN is a
@@ -41,7 +42,7 @@ class FrameSource:
     """
     The frames of one file.
 
-    Attributes
+    Parameters
     ----------
     path
         The file.

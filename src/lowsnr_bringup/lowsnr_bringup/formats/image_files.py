@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Frames from files: see :mod:`lowsnr_bringup.formats` for what is read.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """PNG, JPEG and BMP images, whose size is known before their pixels are unpacked."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Frames from ``.npy`` files and ``.npz`` archives, one frame in memory at a time."""
 
 from __future__ import annotations

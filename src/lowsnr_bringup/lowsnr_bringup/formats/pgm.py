@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """PGM and PPM images (Netpbm), also several in one file, at the depth that they declare."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pixels as they are stored in a bag: of one size and type, at their depth, checked."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """SER films of planetary cameras: 8 to 16 bits, both byte orders, a stamp for every frame."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """TIFF files of one or many pages, at the depth of their pages."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Videos: the luminance of every frame at its own depth, with its own time."""
 
 from __future__ import annotations

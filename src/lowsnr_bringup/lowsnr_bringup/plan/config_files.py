@@ -1,8 +1,10 @@
+# SPDX-License-Identifier: Apache-2.0
 """The parameter files and ``--set``: every section, key and value is checked."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from collections.abc import Iterator
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,6 +14,7 @@ from lowsnr_bringup.plan.graph import KEY
 from lowsnr_bringup.plan.graph import KINDS
 from lowsnr_bringup.plan.graph import known_nodes
 from lowsnr_bringup.plan.graph import Layer
+from lowsnr_bringup.plan.graph import merged
 from lowsnr_bringup.plan.graph import node_of
 from lowsnr_bringup.plan.graph import settings_classes
 from lowsnr_bringup.plan.graph import Values
@@ -70,6 +73,13 @@ def _check_section(section: str, body: Any) -> tuple[str, Values]:
     return name, _check_values(name, flatten(body[KEY]))
 
 
+def _owners(key: str) -> str:
+    """Return which nodes have a parameter that another one lacks."""
+    found = [node for node in known_nodes() if any(
+        key in declared_settings(cls) for cls in settings_classes(node))]
+    return f', but of {", ".join(found)}' if found else ''
+
+
 def _check_values(name: str, values: Mapping[str, Any]) -> Values:
     """Return values as their declared types; ``/**`` may set what any node declares."""
     names = known_nodes() if name == EVERY_NODE else [name]
@@ -78,23 +88,25 @@ def _check_values(name: str, values: Mapping[str, Any]) -> Values:
     known = {key for key, _ in declared}
     for key in values:
         if key not in known:
-            raise ValueError(f'{key} is not a parameter of this node{did_you_mean(key, known)}')
+            raise ValueError(
+                f'{key} is not a parameter of this node'
+                + (did_you_mean(key, known) or _owners(key)))
     return {key: item.check(values[key]) for key, item in declared if key in values}
 
 
-def load_overrides(texts: Iterable[str], detectors: Iterable[str]) -> Layer:
-    """Return the values of some ``--set``, as :func:`parse_override` reads them, by node."""
-    names = list(detectors)
-    layer: dict[str, Values] = {}
-    for text in texts:
-        name, values = parse_override(text, names)
-        layer.setdefault(name, {}).update(values)
-    return layer
-
-
-def parse_override(text: str, detectors: Iterable[str]) -> tuple[str, Values]:
+def load_overrides(
+    given: Iterable[str] | Mapping[str, Any], detectors: Iterable[str],
+) -> Layer:
     """
-    Read ``NODE.PARAMETER=VALUE``, where a detector's name stands for its node.
+    Return the values that override all others, by node.
+
+    Parameters
+    ----------
+    given
+        Texts ``NODE.PARAMETER=VALUE`` of ``--set``, or values by ``NODE.PARAMETER``; ``all``
+        stands for all nodes.
+    detectors
+        Detectors of the run, whose names stand for their nodes.
 
     Raises
     ------
@@ -102,15 +114,55 @@ def parse_override(text: str, detectors: Iterable[str]) -> tuple[str, Values]:
         One line that names what is wrong.
 
     """
-    target, equals, value = text.partition('=')
-    node, dot, key = target.partition('.')
-    if not (equals and dot and key):
-        raise ValueError(f'--set {one_line(text)}: must read NODE.PARAMETER=VALUE')
+    names = {name: node_of(name) for name in detectors} | {name: name for name in KINDS} | {
+        'all': EVERY_NODE}
+    layer: dict[str, Values] = {}
+    for text in given:
+        label = f'{"settings" if isinstance(given, Mapping) else "--set"} {one_line(text)}'
+        try:
+            target, value = (
+                (text, given[text]) if isinstance(given, Mapping) else _parsed(text))
+            node, values = _override(str(target), value, names)
+        except ValueError as error:
+            raise ValueError(f'{label}: {one_line(error)}') from None
+        layer.setdefault(node, {}).update(values)
+    return layer
+
+
+def describe_parameters(
+    files: Layer, detectors: Iterable[str],
+) -> Iterator[tuple[str, Any, str, str]]:
+    """
+    Yield what can be overridden: ``NODE.PARAMETER``, its value, what is allowed, its meaning.
+
+    Parameters
+    ----------
+    files
+        What :func:`load_config` returns.
+    detectors
+        Detectors whose parameters are described beside those of all other nodes.
+
+    """
     names = {name: node_of(name) for name in detectors} | {name: name for name in KINDS}
+    for label, node in names.items():
+        values = merged(node, [files])
+        for cls in reversed(settings_classes(node)):  # what is common to all nodes comes last
+            for key, item in declared_settings(cls).items():
+                yield f'{label}.{key}', values.get(key, item.default), item.allowed(), item.doc
+
+
+def _parsed(text: str) -> tuple[str, Any]:
+    target, equals, value = text.partition('=')
+    if not equals:
+        raise ValueError('must read NODE.PARAMETER=VALUE')
+    return target, load_yaml(value)
+
+
+def _override(target: str, value: Any, names: Mapping[str, str]) -> tuple[str, Values]:
+    """Return the node and the checked value of ``NODE.PARAMETER``."""
+    node, _, key = target.partition('.')
+    if not key:
+        raise ValueError('must name NODE.PARAMETER')
     if node not in names:
-        raise ValueError(
-            f'--set {one_line(text)}: {one_line(node)} is not one of {", ".join(names)}')
-    try:
-        return names[node], _check_values(names[node], {key: load_yaml(value)})
-    except ValueError as error:
-        raise ValueError(f'--set {one_line(text)}: {one_line(error)}') from None
+        raise ValueError(f'{node} is not one of {", ".join(names)}{did_you_mean(node, names)}')
+    return names[node], _check_values(names[node], {key: value})

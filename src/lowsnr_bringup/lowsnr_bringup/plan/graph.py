@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The nodes of a run: every kind of node, which of them a run starts, and how they are connected.
 
@@ -16,6 +17,7 @@ from typing import TypeVar
 
 from lowsnr_common.settings.declare import declared_settings
 from lowsnr_common.settings.flat_values import build_settings
+from lowsnr_common.settings.node_settings import CameraFrameSettings
 from lowsnr_common.settings.node_settings import DetectionSettings
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.node_settings import FrameSettings
@@ -53,7 +55,8 @@ class NodeKind:
 KINDS = {
     'sensor': NodeKind('lowsnr_sensor.sensor_node', (SimulationSettings,)),
     'player': NodeKind('lowsnr_bringup.player_node', (PlayerSettings,)),
-    'conditioner': NodeKind('lowsnr_sensor.conditioner_node', (ConditioningSettings,)),
+    'conditioner': NodeKind(
+        'lowsnr_sensor.conditioner_node', (CameraFrameSettings, ConditioningSettings)),
     'tracker': NodeKind('lowsnr_track.tracker_node', (FrameSettings, PdaMmpf)),
     'viewer': NodeKind('lowsnr_eval.viewer_node', (ViewSettings,)),
     'evaluator': NodeKind(

@@ -1,15 +1,19 @@
+# SPDX-License-Identifier: Apache-2.0
 """The options of a run, as the command line and studies give them, and what they set."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import fields
 from pathlib import Path
 import re
+from typing import Any
 
 from lowsnr_bringup.plan.graph import EVERY_NODE
 from lowsnr_bringup.plan.graph import Layer
+from lowsnr_bringup.plan.loopback import check_ports
 
 _TOPIC = re.compile(r'/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*')
 # The options that have no meaning for a camera, and why.
@@ -32,7 +36,8 @@ class RunOptions:
     Raises
     ------
     ValueError
-        One line, if options contradict each other or the camera's topic is malformed.
+        One line, if options contradict each other, the camera's topic is malformed, or a port is
+        taken.
 
     """
 
@@ -44,7 +49,7 @@ class RunOptions:
     rate_hz: float | None = None
     lockstep: bool = False
     loop: bool = False
-    overrides: Sequence[str] = ()
+    overrides: Sequence[str] | Mapping[str, Any] = ()
     record: Path | None = None
     storage: str = 'mcap'
     replay: Path | None = None
@@ -53,6 +58,8 @@ class RunOptions:
     truth_bag: Path | None = None
     condition: str = 'auto'
     view: bool = False
+    view_port: int = 0
+    browser: bool = True
     respawn: bool | None = None
     camera: str | None = None
 
@@ -61,6 +68,10 @@ class RunOptions:
             self._check_camera(self.camera)
         elif self.replay is None and self.condition == 'on':
             raise ValueError('--condition on: simulated frames are not conditioned')
+        if self.view_port and not self.view:
+            raise ValueError('--view-port: only a run with --view has a live page')
+        if self.view_port:
+            check_ports(self.view_port + n for n in range(len(self.detectors)))
         if self.replay is not None and self.loop:
             raise ValueError('--loop: a bag is replayed once')
 
@@ -91,4 +102,5 @@ class RunOptions:
             'storage': self.storage}
         given = {name: value for name, value in values.items() if value is not None}
         bag = {} if self.record is None else {'bag': str(self.record.resolve())}
-        return {EVERY_NODE: given, 'recorder': bag}
+        page = {'page_port': self.view_port, 'browser': self.browser}
+        return {EVERY_NODE: given, 'recorder': bag, 'viewer': page}

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 From the options of a run to its nodes and their parameters: all checked, nothing started.
 
@@ -16,19 +17,25 @@ import re
 from lowsnr_bringup.plan import graph
 from lowsnr_bringup.plan.config_files import load_config
 from lowsnr_bringup.plan.config_files import load_overrides
+from lowsnr_bringup.plan.frame_checks import check_destinations
+from lowsnr_bringup.plan.frame_checks import check_detector
 from lowsnr_bringup.plan.graph import Values
+from lowsnr_bringup.plan.recorded_frames import RecordedRun
 from lowsnr_bringup.plan.run_options import RunOptions
 from lowsnr_bringup.plan.sources import find_source
 from lowsnr_bringup.plan.sources import Look
 from lowsnr_bringup.plan.sources import MATCHED
 from lowsnr_bringup.plan.sources import Source
+from lowsnr_common.core.motion import MotionModes
 from lowsnr_detect.calibration.operating_point import known_curve
+from lowsnr_detect.grid.fixed_lag import lag_of
 from lowsnr_detect.parts.detector import Detector
-from lowsnr_detect.parts.detector import refuse_late_answers
 from lowsnr_detect.parts.registry import detector_class
+from lowsnr_track.pda_mmpf import PdaMmpf
 
 # A source in lockstep waits this much longer for a frame than the evaluator does [s].
 _PATIENCE_BEYOND_S = 5.0
+_ROUNDING = 1.001
 
 
 @dataclass(frozen=True)
@@ -54,7 +61,10 @@ class RunPlan:
         return 4 * int(values.get('rows', 0)) * int(values.get('cols', 0))
 
 
-def plan_run(options: RunOptions, config_folder: Path, look: Look | None = None) -> RunPlan:
+def plan_run(
+    options: RunOptions, config_folder: Path, look: Look | None = None,
+    array: RecordedRun | None = None,
+) -> RunPlan:
     """
     Check configuration and options, and plan the run.
 
@@ -66,6 +76,8 @@ def plan_run(options: RunOptions, config_folder: Path, look: Look | None = None)
         Folder with the parameter files and ``scenarios/``.
     look
         Returns what the camera on a topic shows; only a run with a camera needs it.
+    array
+        The frames of an array, which take the place of those that the options name.
 
     Raises
     ------
@@ -81,7 +93,7 @@ def plan_run(options: RunOptions, config_folder: Path, look: Look | None = None)
         from lowsnr_bringup.bags.writer import check_new  # slow to import
         check_new(options.record)
     given = partial(graph.merged, layers=(files, overrides))
-    source = find_source(options, config_folder, given, look)
+    source = find_source(options, config_folder, given, look, array)
     nodes = graph.run_nodes(
         detectors, source.node, camera=source.camera, conditioned=source.conditioned,
         recorded=options.record is not None, viewed=options.view)
@@ -94,7 +106,8 @@ def plan_run(options: RunOptions, config_folder: Path, look: Look | None = None)
         graph.wiring(nodes, detectors, source.name),  # how many subscribers each node has
         overrides)  # --set
     built = _build_detectors(nodes, parameters)
-    notes = source.notes + _start_at_once(source, built, parameters, overrides)
+    notes = (*source.notes, *_start_at_once(source, built, parameters, overrides),
+             *_too_fast(source, built, nodes, parameters), *_blurred(built))
     _fill_in(source, nodes, parameters, built)
     _check(nodes, parameters)
     # A bag may give its scenario any name; the results stay in their folder.
@@ -107,8 +120,10 @@ def plan_run(options: RunOptions, config_folder: Path, look: Look | None = None)
 def _check(nodes: Sequence[graph.Node], parameters: Mapping[str, Values]) -> None:
     """Check the parameters of every node; ValueError names the node."""
     for node in nodes:
+        values = parameters[node.path]
         for cls in graph.settings_classes(node.name):
-            graph.build(cls, parameters[node.path], node.label)
+            check_destinations(node.label, graph.build(cls, values, node.label), (
+                values.get('rows', 0), values.get('cols', 0)))
 
 
 def _build_detectors(
@@ -118,8 +133,10 @@ def _build_detectors(
     for node in nodes:
         if node.detector:
             *_, cls = graph.settings_classes(node.name)
-            built[node.path] = graph.build(cls, parameters[node.path], node.label)
-            refuse_late_answers(built[node.path])
+            values = parameters[node.path]
+            built[node.path] = graph.build(cls, values, node.label)
+            check_detector(
+                node.label, built[node.path], (values.get('rows', 0), values.get('cols', 0)))
     return built
 
 
@@ -150,6 +167,36 @@ def _start_at_once(
     return tuple(notes)
 
 
+def _too_fast(
+    source: Source, detectors: Mapping[str, Detector], nodes: Sequence[graph.Node],
+    parameters: Mapping[str, Values],
+) -> tuple[str, ...]:
+    """Return a line if objects of the scenario are faster than models of motion allow."""
+    models: dict[str, MotionModes] = {
+        node.label: graph.build(PdaMmpf, parameters[node.path], node.label).motion
+        for node in nodes if node.name == 'tracker'} | {
+        path.rpartition('/')[2].removesuffix('_detector'): detector.motion
+        for path, detector in detectors.items()
+        if hasattr(detector, 'motion') and getattr(detector, 'move_prior', True)}
+    slower = {name: motion.max_speed_mps for name, motion in models.items()
+              if source.fastest_mps > _ROUNDING * motion.max_speed_mps}
+    if not slower:
+        return ()
+    limits = ', '.join(f'{name} {limit:g}' for name, limit in slower.items())
+    return (f'{source.name}: an object moves at up to {source.fastest_mps:.3g} m/s, more than '
+            f'motion.max_speed_mps ({limits}): --set tracker.motion.max_speed_mps='
+            f'{source.fastest_mps:.3g} raises that of the tracker',)
+
+
+def _blurred(detectors: Mapping[str, Detector]) -> tuple[str, ...]:
+    """Return a line with the SNR of the brightest cell where objects are blurred."""
+    sensors = dict.fromkeys(detector.sensor for detector in detectors.values())
+    return tuple(
+        f'SNR {sensor.snr_db:g} dB is that of the energy of a blurred object; in the middle of a '
+        f'cell its brightest cell has {sensor.peak_snr_db:.1f} dB'
+        for sensor in sensors if sensor.blur_m > 0.0)
+
+
 def _fill_in(
     source: Source, nodes: Sequence[graph.Node], parameters: Mapping[str, Values],
     detectors: Mapping[str, Detector],
@@ -159,15 +206,38 @@ def _fill_in(
     evaluator['expected_frames'] = _frames(source, parameters)
     evaluator.setdefault('operating_points', [
         parameters[path].get('operating_point', 'matched') for path in detectors])
-    frames_per = {
-        path.rpartition('/')[0]: each.frames_per_declaration for path, each in detectors.items()}
+    asked = [parameters[f'{path.rpartition("/")[0]}/tracker'].get('life.false_tracks', 0.0)
+             for path in detectors]
+    if any(asked):
+        evaluator['false_tracks'] = asked
+    evaluator['lags'] = lags = [lag_of(each) for each in detectors.values()]
+    of_space = {path.rpartition('/')[0]: each for path, each in detectors.items()}
+    chains = {path.rpartition('/')[0]: (path.rpartition('/')[2].removesuffix('_detector'), n)
+              for n, path in enumerate(detectors)}
     for node in nodes:
         values = parameters[node.path]
         if node.name == 'tracker':
-            values.setdefault('frames_per_detection', frames_per[node.namespace])
+            values.setdefault(
+                'frames_per_detection', of_space[node.namespace].frames_per_declaration)
+        elif node.name == 'viewer':
+            values['lag'] = lag_of(of_space[node.namespace])
+            name, number = chains[node.namespace]
+            snr_db = of_space[node.namespace].sensor.snr_db
+            title = f'{source.name}, expected SNR {snr_db:g} dB: {name}'
+            _fill_in_page(values, evaluator, title, number)
         elif node.source:  # only a frame that the evaluator gives up is not waited for
             values.setdefault(
                 'patience_s', evaluator.get('answer_within_s', 10.0) + _PATIENCE_BEYOND_S)
+            values['lag'] = max(lags)
+
+
+def _fill_in_page(values: Values, evaluator: Values, title: str, number: int) -> None:
+    """Set what the live page of a viewer shows; of several the browser opens the first."""
+    known: Values = {key: evaluator[key] for key in ('pixels', 'gate_cells') if key in evaluator}
+    for key, value in {'title': title, **known}.items():
+        values.setdefault(key, value)
+    values['page_port'] += number * bool(values['page_port'])
+    values['browser'] = values['browser'] and not number
 
 
 def _frames(source: Source, parameters: Mapping[str, Values]) -> int:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the frames of a run come from, and which parameters of which nodes follow from that."""
 
 from __future__ import annotations
@@ -9,11 +10,11 @@ from dataclasses import field
 from dataclasses import replace
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from lowsnr_bringup.plan import graph
 from lowsnr_bringup.plan.graph import Layer
 from lowsnr_bringup.plan.graph import Values
+from lowsnr_bringup.plan.recorded_frames import RecordedRun
 from lowsnr_bringup.plan.run_options import RunOptions
 from lowsnr_common.settings.frame_period import at_frame_period
 from lowsnr_common.settings.node_settings import Evaluation
@@ -22,11 +23,8 @@ from lowsnr_detect.parts.cell_detector import CellDetector
 from lowsnr_sensor.conditioning.conditioner import ConditioningSettings
 from lowsnr_sensor.scenario import load_scenario
 
-if TYPE_CHECKING:
-    from lowsnr_bringup.bags.recorded_run import RecordedRun
-
 Given = Callable[[str], Values]  # the parameters that the user gives to a node
-Look = Callable[[str], 'RecordedRun']  # what the camera on a topic shows
+Look = Callable[[str], RecordedRun]  # what the camera on a topic shows
 _FRAMES = ('/image_raw', '/clock')
 _TRUTH = ('/ground_truth', '/ground_truth/odometry')
 _DETECTABLE = '32FC1'
@@ -47,6 +45,7 @@ class Source:
     node: str  # that publishes the frames, 'sensor' or 'player'; empty for a camera
     camera: str = ''  # topic of the camera
     frames: int  # 0 for a camera, which has no last one
+    fastest_mps: float = 0.0  # speed of the fastest object of a scenario
     conditioned: bool = False  # whether the frames pass a conditioner
     notes: tuple[str, ...] = ()  # what is wrong with the bag, one line each
     defaults: Layer = field(default_factory=dict)
@@ -55,9 +54,10 @@ class Source:
 
 def find_source(
     options: RunOptions, config_folder: Path, given: Given, look: Look | None,
+    array: RecordedRun | None = None,
 ) -> Source:
     """
-    Find the source that the options name, and read what the run must know of it.
+    Find the source that the options name, or an array, and return what a run must know of it.
 
     Raises
     ------
@@ -65,6 +65,8 @@ def find_source(
         One line that names the scenario, bag or camera and why it cannot be used.
 
     """
+    if array is not None:
+        return _recorded(array, options, given, node='player', recordable=[])
     if options.camera is not None:
         assert look is not None
         shown, topic = look(options.camera_topic), options.camera_topic
@@ -78,13 +80,15 @@ def find_source(
         return _recorded(bag, options, given, node='player', recordable=recordable)
     sensor = given('sensor')
     path = find_scenario(options.scenario, config_folder / 'scenarios')
-    scenario = load_scenario(
-        path, sensor.get('sensor.frame_period_s', 1.0), sensor.get('sensor.cell_size_m', 1.0))
+    units = sensor.get('sensor.frame_period_s', 1.0), sensor.get('sensor.cell_size_m', 1.0)
+    scenario = load_scenario(path, *units)
     return Source(
-        name=path.stem, node='sensor', frames=scenario.frames,
+        name=path.stem, node='sensor', frames=scenario.frames, fastest_mps=max(
+            (item.fastest_mps(scenario, *units) for item in scenario.objects), default=0.0),
         defaults={graph.EVERY_NODE: {
             'sensor.snr_db': scenario.snr_db, 'rows': scenario.rows, 'cols': scenario.cols}},
-        facts={'sensor': {'scenario': str(path)}, 'recorder': {'topics': [*_FRAMES, *_TRUTH]}})
+        facts={'sensor': {'scenario': str(path.resolve())},
+               'recorder': {'topics': [*_FRAMES, *_TRUTH]}})
 
 
 def find_scenario(text: str, folder: Path) -> Path:
@@ -99,7 +103,7 @@ def find_scenario(text: str, folder: Path) -> Path:
     """
     for path in (folder / f'{text}.yaml', Path(text)):
         if os.path.isfile(path):  # unlike Path.is_file it takes a name of any length
-            return path.resolve()
+            return path
     known = sorted(item.stem for item in folder.glob('*.yaml'))
     raise ValueError(
         f'scenario {text!r} is neither a file nor one of {", ".join(known)}'
@@ -126,6 +130,7 @@ def _recorded(
     facts: dict[str, Values] = {
         graph.EVERY_NODE: every, 'recorder': {**size, 'topics': recordable}}
     if conditioned:
+        facts['conditioner'] = dict(size)
         facts['evaluator'] = _in_pixels(given('evaluator'), settings.binning)
     if options.replay is not None:
         facts['player'] = _played(options, found) | size

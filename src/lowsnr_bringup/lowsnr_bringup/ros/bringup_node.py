@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bring-up's own ROS node, in a context of its own and in its own enclave."""
 
 from __future__ import annotations

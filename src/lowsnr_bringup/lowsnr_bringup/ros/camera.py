@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The first frames of a camera, from which a run is planned as it is from a bag."""
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from tempfile import TemporaryDirectory
 import time
 from typing import Any
 
-from lowsnr_bringup.bags.recorded_run import RecordedRun
+from lowsnr_bringup.plan.recorded_frames import RecordedRun
 from lowsnr_bringup.ros.bringup_node import bringup_node
 from lowsnr_bringup.run.middleware import middleware_environment
 from lowsnr_common.core.records import Malformed

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One run at a time on a ROS domain, whoever started the other one and from where."""
 
 from __future__ import annotations

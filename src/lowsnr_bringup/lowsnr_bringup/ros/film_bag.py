@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bags made from files with frames and from files of truth, and what a replay makes of both."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Writing a bag of frames and truth without a node."""
 
 from __future__ import annotations

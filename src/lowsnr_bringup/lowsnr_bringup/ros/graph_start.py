@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The start of a graph: all nodes become active, also those that die or hang meanwhile."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The manager of a run: drives the nodes through their lifecycle and follows the progress."""
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from contextlib import ExitStack
 import time
 from typing import Any
 
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
@@ -27,6 +29,8 @@ from lowsnr_common.core.records import AlarmRate
 from lowsnr_common.core.records import Malformed
 from lowsnr_common.ros.bringup_line import CHANGE_STATE
 from lowsnr_common.ros.bringup_line import DATA_TIME
+from lowsnr_common.ros.bringup_line import LAST_FRAME
+from lowsnr_common.ros.bringup_line import LIVE_PAGE
 from lowsnr_common.ros.bringup_line import PARAMETERS
 from lowsnr_common.ros.bringup_line import STATUS
 from lowsnr_common.ros.messages import stamp_key
@@ -42,6 +46,7 @@ from rclpy.parameter import parameter_value_to_python
 from rclpy.serialization import deserialize_message
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
+from std_msgs.msg import String
 
 CONFIGURE = Transition.TRANSITION_CONFIGURE
 ACTIVATE = Transition.TRANSITION_ACTIVATE
@@ -83,7 +88,8 @@ class Manager:
             SCORED: (DiagnosticArray, self._count), DATA_TIME: (Clock, self._on_clock),
             STATUS: (DiagnosticArray, self._on_diagnostics),
             PARAMETERS: (ParameterEvent, self._on_parameters),
-            ALARM_RATE: (DiagnosticArray, self._on_alarm_rate)}
+            ALARM_RATE: (DiagnosticArray, self._on_alarm_rate),
+            LIVE_PAGE: (String, lambda page: notify(f'live page: {page.data}'))}
         self._pending: dict[Line, PendingTransition] = {}
         self._within = ExitStack()
         self._node = self._within.enter_context(bringup_node())
@@ -179,6 +185,13 @@ class Manager:
             member.line.send(RESTARTS, serialize_message(message))
         self._restarts.publish(message)  # for people and bags; no node of the run believes it
 
+    def end_frames(self) -> None:
+        """Say that no frame comes after the newest: answers wait for none any more."""
+        seconds, nanoseconds = divmod(max(self.newest_ns, 0), 1_000_000_000)
+        last = serialize_message(Clock(clock=Time(sec=seconds, nanosec=nanoseconds)))
+        for member in self._group.members:
+            member.line.send(LAST_FRAME, last)
+
     def _count(self, message: DiagnosticArray) -> None:
         try:
             scored = FrameScored.from_message(message)
@@ -206,6 +219,9 @@ class Manager:
             self._reject(error, 'a detector reported its false-alarm rate')
             return
         self.alarm_rates[path.rpartition('/')[2]] = rate
+        for member in self._group.members:
+            if member.node.name == 'viewer':
+                member.line.send(ALARM_RATE, serialize_message(message))
 
     def _on_clock(self, message: Clock) -> None:
         stamp = stamp_key(message.clock)

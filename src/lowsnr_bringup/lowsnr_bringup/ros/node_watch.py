@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What bring-up prints about nodes: faults of cameras and results, strangers, their states."""
 
 from __future__ import annotations

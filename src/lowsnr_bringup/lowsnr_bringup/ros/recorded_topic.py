@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A topic that the recorder receives: its subscription, its counts, its place in the bag."""
 
 from __future__ import annotations
@@ -66,7 +67,8 @@ class RecordedTopic:
         self._node, self._kind, self._on_message = node, kind, on_message
         self._subscription = node.create_subscription(
             kind, name, self._receive, depth, raw=True,
-            event_callbacks=SubscriptionEventCallbacks(message_lost=self._on_lost))
+            event_callbacks=SubscriptionEventCallbacks(
+                message_lost=self._on_lost, use_default_callbacks=False))
 
     def is_matched(self) -> bool:
         """Whether the subscription has found every publisher of the topic."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Restart of the nodes that die in a run."""
 
 from __future__ import annotations

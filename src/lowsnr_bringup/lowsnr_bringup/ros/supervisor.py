@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One run of a graph: start the nodes, activate consumers first, follow, end in order."""
 
 from __future__ import annotations
@@ -144,6 +145,7 @@ class Supervisor:
         while not self._source_done():
             self._manager.spin(0.1)
         self._manager.catch_up()
+        self._manager.end_frames()
         scored, since = self._manager.scored, time.monotonic()
         while self._manager.ledger.awaits and self._frames is not None:
             self._manager.spin(0.1)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A request for a lifecycle transition over the line to a node's process."""
 
 from __future__ import annotations

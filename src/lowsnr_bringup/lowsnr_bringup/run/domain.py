@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One run at a time on a ROS domain: two graphs on one would receive each other's frames."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What an earlier process left in a results folder, validated: each error names its file."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bring-up's side of the server that forks nodes: the server, and the forked processes."""
 
 from __future__ import annotations

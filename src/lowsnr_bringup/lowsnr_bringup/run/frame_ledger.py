@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The ledger of a run's frames: how many were published, and where those without a score went."""
 
 from __future__ import annotations

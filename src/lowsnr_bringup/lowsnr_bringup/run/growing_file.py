@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A file that only grows, and survives a full disk and its own removal."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bring-up's ends of the lines to the nodes that it started."""
 
 from __future__ import annotations

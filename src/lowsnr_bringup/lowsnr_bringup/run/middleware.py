@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The settings of the middleware for a run: its transport, its discovery and its memory."""
 
 from __future__ import annotations

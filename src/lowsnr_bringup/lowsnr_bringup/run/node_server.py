@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 A process that imports what nodes need, once, and forks each node of a run from itself.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The processes of a graph: bring-up starts, watches and ends them."""
 
 from __future__ import annotations

@@ -1,4 +1,9 @@
-"""The progress of long work on stderr: a bar on a terminal, plain lines elsewhere."""
+# SPDX-License-Identifier: Apache-2.0
+"""
+The progress of long work on stderr: a bar on a terminal, plain lines elsewhere.
+
+Without tqdm there are plain lines on a terminal too.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +13,19 @@ from contextlib import contextmanager
 import sys
 import time
 
-from tqdm import tqdm
+try:
+    from tqdm import tqdm
+except ImportError:  # a bar is for comfort alone
+    tqdm = None
 
 _A_LINE_EVERY_S = 10.0
+# A calibration that is at hand shows no progress [s].
+_DELAY_S = 0.5
+
+
+def is_terminal() -> bool:
+    """Return whether stderr is a terminal; what a host puts in its place may not know."""
+    return bool(getattr(sys.stderr, 'isatty', bool)())
 
 
 @contextmanager
@@ -40,7 +55,7 @@ def progress(
         Call it with the number of parts that were done since the last call.
 
     """
-    if sys.stderr.isatty():
+    if tqdm is not None and is_terminal():
         with tqdm(total=total, desc=title, unit=unit, initial=done, delay=delay_s, leave=leave,
                   dynamic_ncols=True) as bar:
             yield bar.update
@@ -50,6 +65,22 @@ def progress(
         yield lines.update
     finally:
         lines.close()
+
+
+@contextmanager
+def calibration_progress(
+    name: str, shape: tuple[int, int], snr_db: float,
+) -> Iterator[Callable[[float], None]]:
+    """Yield what is called with the share of a detector's calibration that is done."""
+    percent = 0
+    title = f'calibrating {name} for {shape[1]} x {shape[0]} cells, {snr_db:g} dB, once'
+    with progress(title, 100, '%', delay_s=_DELAY_S, leave=False) as advance:
+        def show(share: float) -> None:
+            nonlocal percent
+            advance(round(100 * share) - percent)
+            percent = round(100 * share)
+
+        yield show
 
 
 class _Lines:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The results folder of a run: its files, and that no two runs share one."""
 
 from __future__ import annotations
@@ -15,6 +16,9 @@ FRAMES_FILE = 'frames.csv'
 LATENCY_FILE = 'latency.csv'
 DETECTIONS_FILE = 'detections.csv'
 TRACKS_FILE = 'tracks.csv'
+TRUTH_FILE = 'truth.csv'
+CAMERA_FILE = 'camera.csv'
+SMOOTHED_FILE = 'smoothed.csv'
 SUMMARY_FILE = 'summary.json'
 PARAMETERS_FILE = 'parameters.yaml'
 RESTARTS_FILE = 'restarts.csv'

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The environment of a run with security enforced, and the check of its SROS 2 keystore.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Removal of the Fast DDS segments in shared memory whose process is gone."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The signals that ask a run to end: Ctrl-C, SIGTERM, and SIGHUP when its terminal closes."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Truth from boxes around objects: MOT tables and COCO annotations.
 

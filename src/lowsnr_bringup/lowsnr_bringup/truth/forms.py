@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Truth in any of the usual forms, for the frames of a film or a bag."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The frame that a line of truth is about: by number, time or file."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Truth from a table, for recordings of real frames.
 

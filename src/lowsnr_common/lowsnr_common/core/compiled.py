@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Compile loops to machine code with numba, at their first call."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Motion to a destination: the conditionally Markov sequence that Section VII of the paper proposes.
 

@@ -1,12 +1,15 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the cells of a conditioned frame lie in the scene, and the scene in the camera's image."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from lowsnr_common.core.motion import POS
 from lowsnr_common.core.motion import VEL
 from lowsnr_common.core.records import Estimate
+from lowsnr_common.core.records import Prediction
 import numpy as np
 
 
@@ -55,13 +58,14 @@ class FrameMap:
 
     def in_image(self, item: Estimate, cell_size_m: float) -> Estimate:
         """Return an object that is given in cells in pixels; its velocity stays in the scene."""
-        return _resized(
-            item, cell_size_m * self.pixels(item.state[POS] / cell_size_m), self.binning)
+        return _mapped(
+            item, lambda place: cell_size_m * self.pixels(place / cell_size_m), self.binning)
 
     def in_cells(self, item: Estimate, cell_size_m: float) -> Estimate:
         """Return an object that is given in pixels in cells; its velocity stays in the scene."""
-        return _resized(
-            item, cell_size_m * self.cells(item.state[POS] / cell_size_m), 1.0 / self.binning)
+        return _mapped(
+            item, lambda place: cell_size_m * self.cells(place / cell_size_m),
+            1.0 / self.binning)
 
     def moved_since(self, before: FrameMap | None) -> tuple[int, int]:
         """Return rows and columns by which the first cell moved in the scene."""
@@ -86,9 +90,14 @@ def overlaps(by: tuple[int, int], shape: tuple[int, int]) -> bool:
     return all(abs(step) < size for step, size in zip(by, shape, strict=True))
 
 
-def _resized(item: Estimate, position: np.ndarray, factor: float) -> Estimate:
-    """Return an object at another position, its velocity and errors larger by a factor."""
-    state = item.state.copy()
-    state[POS] = position
+def _mapped(
+    item: Estimate, place: Callable[[np.ndarray], np.ndarray], factor: float,
+) -> Estimate:
+    """Return an object elsewhere, its velocity and errors larger by a factor."""
+    state, predicted = item.state.copy(), item.predicted
+    state[POS] = place(item.state[POS])
     state[VEL] *= factor
-    return Estimate(state, item.cov * factor**2, item.score, item.id)
+    if predicted is not None:
+        predicted = Prediction(
+            predicted.score, place(predicted.position), predicted.cov * factor**2)
+    return Estimate(state, item.cov * factor**2, item.score, item.id, predicted)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The line between bring-up and a node that it started: a pair of sockets that they alone have.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Object motion, Section II of the paper: eq. (1), several modes, Markov switching.
 

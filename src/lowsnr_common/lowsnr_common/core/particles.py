@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Particle arithmetic on log weights: normalise, effective size, resample, moments."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The process of a node: how it ends with its starter, its memory, and its exit statuses."""
 
 from __future__ import annotations

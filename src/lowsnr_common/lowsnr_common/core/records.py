@@ -1,8 +1,10 @@
+# SPDX-License-Identifier: Apache-2.0
 """Records that cross package borders: truth, estimates, and the error of a malformed message."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +24,33 @@ class Truth:
 
 
 @dataclass(frozen=True)
+class Prediction:
+    """
+    What a detector with a posterior expected, before the frame, of what it declares in it.
+
+    The posterior over the prediction is what the frame alone says.
+
+    Parameters
+    ----------
+    score : (...,) ndarray or float
+        Probability that there is an object.
+    position : (..., 2) ndarray
+        Its position x, y [m].
+    cov : (..., 2, 2) ndarray
+        Covariance of the position.
+
+    """
+
+    score: Any
+    position: np.ndarray
+    cov: np.ndarray
+
+    def __getitem__(self, index: Any) -> Prediction:
+        """Return the predictions that an index picks along the leading axes."""
+        return Prediction(self.score[index], self.position[index], self.cov[index])
+
+
+@dataclass(frozen=True)
 class Estimate:
     """
     A declared detection or a track in one frame.
@@ -29,13 +58,14 @@ class Estimate:
     ``state`` is (4,) ``[p_x, v_x, p_y, v_y]`` in metres and m/s, ``cov`` its (4, 4)
     covariance; the velocity and its covariance are NaN where they are not estimated.
     ``score`` is a probability.  ``id`` names an estimate of a whole state, and is empty for a
-    position alone.
+    position alone.  ``predicted`` is None where the detector has no posterior.
     """
 
     state: np.ndarray
     cov: np.ndarray
     score: float
     id: str = ''  # noqa: A003
+    predicted: Prediction | None = None
 
 
 @dataclass(frozen=True)

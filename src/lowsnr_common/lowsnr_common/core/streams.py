@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Random streams: from one root seed, an independent stream for each use and run."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The order of the stamps of a stream: new, late, or of a clock that was set back."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 PNG, JPEG and BMP images in memory, whose size is known before their pixels are unpacked.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pixels of images as ``sensor_msgs/Image`` encodes them: one channel of each, at its depth."""
 
 from __future__ import annotations
@@ -79,7 +80,9 @@ def check_image(image: EncodedImage) -> None:
 
 def is_whole(frame: np.ndarray) -> bool:
     """Return whether every pixel has a value: of a frame with NaN no comparison is true."""
-    return frame.dtype.kind != 'f' or bool(frame.min() >= -LARGEST and frame.max() <= LARGEST)
+    # As numbers of Python: the bound itself is infinite in 16 bits.
+    return frame.dtype.kind != 'f' or (
+        float(frame.min()) >= -LARGEST and float(frame.max()) <= LARGEST)
 
 
 def numbers_of(image: EncodedImage) -> np.ndarray:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a node and the bring-up that started it tell each other: ROS messages over their line."""
 
 from __future__ import annotations
@@ -17,6 +18,10 @@ from rclpy.serialization import serialize_message
 # TransitionEvent that a node answers.
 DATA_TIME, STATUS, PARAMETERS = '/clock', '/diagnostics', '/parameter_events'
 CHANGE_STATE = 'change_state'
+# The stamp, a Clock, of the last frame of the run: the source has ended.
+LAST_FRAME = 'last_frame'
+# The address, a String, of a viewer's live page.
+LIVE_PAGE = 'live_page'
 _FLUSH_WITHIN_S = 2.0
 
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The other ends of a node's topics: which are missing, and which do not fit, and why."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The status of a node in ``/diagnostics``: its counts, times, and faults by reason."""
 
 from __future__ import annotations

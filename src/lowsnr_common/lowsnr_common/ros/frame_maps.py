@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The map of a conditioned frame as messages, and joined with the messages about its frame.
 
@@ -90,13 +91,17 @@ class FrameMaps:
         Whether there are maps; without, each message is answered at once.
     answer
         Called with each message and its map, None if there are none.
+    on_map
+        Called with the stamp [ns] of each map and the map as it arrives.
 
     """
 
     def __init__(
         self, node: Any, conditioned: bool, answer: Callable[[Any, FrameMap | None], None],
+        on_map: Callable[[int, FrameMap], None] = lambda stamp, where: None,
     ) -> None:
         self._node, self._conditioned, self._answer = node, conditioned, answer
+        self._on_new_map = on_map
         self._depth = node.settings.queue_depth
         self._maps: dict[int, FrameMap] = {}
         self._waiting: deque[Any] = deque()
@@ -118,7 +123,9 @@ class FrameMaps:
     def _on_map(self, info: CameraInfo) -> None:
         where = info_to_map(info)
         if self._node.active:
-            self._maps.setdefault(stamp_key(info.header.stamp), where)
+            stamp = stamp_key(info.header.stamp)
+            if self._maps.setdefault(stamp, where) is where:
+                self._on_new_map(stamp, where)
             # A message comes after its map, by all that waits in a node between.
             if len(self._maps) > 2 * self._depth + _MOST_WAITING:
                 del self._maps[next(iter(self._maps))]

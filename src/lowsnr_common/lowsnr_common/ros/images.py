@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Images of any camera to arrays and back: one channel, whatever encoding, byte order and step."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An input of a node: a subscription that times, checks and counts what it receives."""
 
 from __future__ import annotations
@@ -65,7 +66,7 @@ class Input:
         self.awaited = needed and not self._of_camera
         self._received_s = 0.0
         self._incompatible = ''
-        self._follows = qos.reliability is ReliabilityPolicy.BEST_AVAILABLE
+        self.follows = qos.reliability is ReliabilityPolicy.BEST_AVAILABLE
         self._reliability = qos.reliability
         self.subscription = self._subscribe()
 
@@ -93,7 +94,7 @@ class Input:
 
     def faults(self) -> list[Fault]:
         """Return which publishers do not fit and why, and whether there are several."""
-        if self._follows:
+        if self.follows:
             self._follow()
         found = input_faults(self._node, self.subscription)
         if self._incompatible and not found:
@@ -131,7 +132,7 @@ class Input:
 
     def _subscribe(self) -> Any:
         """Subscribe; where any reliability will do, with that of the publisher."""
-        if self._follows:
+        if self.follows:
             self._reliability = self._wanted()
             self._qos.reliability = self._reliability
         return self._node.create_subscription(

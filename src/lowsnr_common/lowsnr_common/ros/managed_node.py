@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The managed node: a lifecycle node that counts, reports and checks its connections."""
 
 from __future__ import annotations
@@ -56,9 +57,10 @@ class ManagedNode(SettingsNode):
         self.settings = declare(self, NodeSettings)
         self.health = Health()
         self.counts = self.health.counts
-        self.active = self.done = self.shut_down = False
+        self.active = self.done = self.shut_down = self._connected = False
+        self._began = self.settings.lives > 0  # active before, in whatever process
         self.outputs: dict[Any, int] = {}
-        self._inputs: list[Input] = []
+        self.inputs: list[Input] = []
         self._timelines: dict[str, Timeline] = defaultdict(Timeline)
         self._faults: list[Fault] = []
         self.broken = ''  # what keeps the node from its work, in one line
@@ -75,25 +77,25 @@ class ManagedNode(SettingsNode):
         return super().create_timer(timer_period_sec, callback, clock=steady, **kwargs)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Wait for the peers, then become active."""
+        """Wait for the peers, the first time, then become active."""
         if missing := wait_while(self._missing, _PEERS_WITHIN_S, self.report):
             self.get_logger().error('; '.join([missing, *map(str, self._lasting_faults())]))
             return TransitionCallbackReturn.FAILURE
-        self.active = True
-        for each in self._inputs:
+        self.active = self._began = self._connected = True
+        for each in self.inputs:
             each.begin()
         self._report_soon()
         return super().on_activate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Leave all topics, so that the node can be configured again."""
-        for each in self._inputs:
+        for each in self.inputs:
             self.destroy_subscription(each.subscription)
         for publisher in self.outputs:
             self.destroy_lifecycle_publisher(publisher)
         for timer in {*self.timers} - {self._diagnostics_timer}:
             self.destroy_timer(timer)
-        self._inputs, self.outputs = [], {}
+        self.inputs, self.outputs, self._connected = [], {}, False
         return super().on_cleanup(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -114,9 +116,7 @@ class ManagedNode(SettingsNode):
         needed: bool = True, steady: bool = True, first: Input | None = None,
     ) -> Input:
         """
-        Subscribe to a topic.
-
-        A message for which the callback raises ValueError is rejected with its reason.
+        Subscribe to a topic; a message whose callback raises ValueError is rejected with that.
 
         Parameters
         ----------
@@ -132,12 +132,24 @@ class ManagedNode(SettingsNode):
             messages a frame would lag behind an input with one.
 
         """
-        self._inputs.append(Input(self, kind, topic, callback, qos, needed, steady, first))
-        return self._inputs[-1]
+        self.inputs.append(Input(self, kind, topic, callback, qos, needed, steady, first))
+        return self.inputs[-1]
+
+    def leave(self, *inputs: Input) -> None:
+        """End subscriptions whose messages are no longer used."""
+        for each in inputs:
+            self.inputs.remove(each)
+            self.destroy_subscription(each.subscription)
+
+    def frame_readers(self, needed: int) -> int:
+        """Return how many readers of frames to wait for: the evaluator leaves during a run."""
+        return max(needed - self._began, 0)
 
     def _missing(self) -> str:
+        if self._connected:  # all were there once, and may have done their work since
+            return ''
         needed = {each: n + self.settings.observers for each, n in self.outputs.items()}
-        inputs = [each.subscription for each in self._inputs if each.awaited]
+        inputs = [each.subscription for each in self.inputs if each.awaited]
         waits = self.settings.consumers or self.bringup.connected
         return missing_peer(needed, inputs if waits else [])
 
@@ -195,7 +207,7 @@ class ManagedNode(SettingsNode):
             self.get_logger().error('; '.join(map(str, faults)))
         self._faults = faults
         if self.active:
-            faults = faults + [fault for each in self._inputs for fault in each.silence()]
+            faults = faults + [fault for each in self.inputs for fault in each.silence()]
         message = DiagnosticArray(status=[self.health.status(
             self.get_fully_qualified_name(), faults,
             {'state': self._state_machine.current_state[1], 'process': str(os.getpid()),
@@ -206,7 +218,7 @@ class ManagedNode(SettingsNode):
 
     def _lasting_faults(self) -> list[Fault]:
         faults = [Fault(self.get_name(), BROKEN, self.broken)] if self.broken else []
-        faults += [fault for each in self._inputs for fault in each.faults()]
+        faults += [fault for each in self.inputs for fault in each.faults()]
         return faults + [fault for each in self.outputs for fault in output_faults(self, each)]
 
     def _report_soon(self) -> None:

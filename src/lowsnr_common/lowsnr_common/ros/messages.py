@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Frames and records to messages and back: the one place that knows both."""
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from lowsnr_common.core.motion import POS
 from lowsnr_common.core.motion import VEL
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.core.records import Malformed
+from lowsnr_common.core.records import Prediction
 from lowsnr_common.ros.images import image_to_whole_array
 from nav_msgs.msg import Odometry
 import numpy as np
@@ -22,9 +24,10 @@ from vision_msgs.msg import Detection2DArray
 from vision_msgs.msg import ObjectHypothesisWithPose
 
 ENCODING = '32FC1'
-CLASS_ID = 'object'
+# The second result of an entry is what its detector expected before the frame.
+CLASS_ID, PREDICTED_ID = 'object', 'predicted'
 # Places of x and y in the row-major 6 x 6 covariance of a pose or twist.
-_XY = np.ix_([0, 1], [0, 1])
+_XY, _COV = np.ix_([0, 1], [0, 1]), (0, 1, 6, 7)
 # What an entry without a result is taken to say: nothing.
 _NO_RESULT = ObjectHypothesisWithPose()
 _NO_RESULT.pose.covariance = np.full(36, np.nan)
@@ -89,9 +92,20 @@ def _to_detection(item: Estimate, header: Header, cell_size_m: float) -> Detecti
     result.hypothesis.score = item.score
     _fill_pose(result.pose, x, y, item.cov[np.ix_(POS, POS)] / cell_size_m**2)
     message = Detection2D(header=header, id=item.id, results=[result])
+    if item.predicted is not None:
+        message.results.append(_to_prediction(item.predicted, cell_size_m))
     message.bbox.center.position.x, message.bbox.center.position.y = x, y
     message.bbox.size_x = message.bbox.size_y = 1.0
     return message
+
+
+def _to_prediction(item: Prediction, cell_size_m: float) -> ObjectHypothesisWithPose:
+    result = ObjectHypothesisWithPose()
+    result.hypothesis.class_id = PREDICTED_ID
+    result.hypothesis.score = float(item.score)
+    x, y = (item.position / cell_size_m).tolist()
+    _fill_pose(result.pose, x, y, item.cov / cell_size_m**2)
+    return result
 
 
 def array_to_estimates(message: Detection2DArray, cell_size_m: float) -> list[Estimate]:
@@ -115,12 +129,23 @@ def array_to_estimates(message: Detection2DArray, cell_size_m: float) -> list[Es
     centres = [item.bbox.center.position for item in message.detections]
     states[:, POS] = np.reshape([(c.x, c.y) for c in centres], (count, 2)) * cell_size_m
     best = [item.results[0] if item.results else _NO_RESULT for item in message.detections]
-    stated = [[result.pose.covariance[n] for n in (0, 1, 6, 7)] for result in best]
+    stated = [[result.pose.covariance[n] for n in _COV] for result in best]
     rows, cols = np.ix_(POS, POS)
     covs[:, rows, cols] = np.reshape(stated, (count, 2, 2)) * cell_size_m**2
     return [
-        Estimate(state, cov, result.hypothesis.score, item.id)
+        Estimate(
+            state, cov, result.hypothesis.score, item.id, _prediction(item, cell_size_m))
         for state, cov, result, item in zip(states, covs, best, message.detections)]
+
+
+def _prediction(item: Detection2D, cell_size_m: float) -> Prediction | None:
+    """Return what an entry says that its detector predicted, if it does."""
+    if len(item.results) < 2 or item.results[1].hypothesis.class_id != PREDICTED_ID:
+        return None
+    place, stated = item.results[1].pose.pose.position, item.results[1].pose.covariance
+    return Prediction(
+        item.results[1].hypothesis.score, np.array([place.x, place.y]) * cell_size_m,
+        np.reshape([stated[n] for n in _COV], (2, 2)) * cell_size_m**2)
 
 
 def array_to_sound_estimates(message: Detection2DArray, cell_size_m: float) -> list[Estimate]:

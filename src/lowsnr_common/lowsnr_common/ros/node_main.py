@@ -1,8 +1,10 @@
+# SPDX-License-Identifier: Apache-2.0
 """The process of a managed node: from its start to its exit status."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+import gc
 import sys
 
 from lowsnr_common.core.process_setup import end_with_starter
@@ -22,9 +24,9 @@ def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> 
     """
     Start ROS, spin one node, and end when it is done, by Ctrl-C or by SIGTERM.
 
-    The exit status is 0 for a node that is done, 1 for one that cannot become active, 2 after
-    one line about a setting out of its bounds, 3 for a node that was shut down through its
-    lifecycle, 130 after Ctrl-C, and 143 after SIGTERM.
+    The exit status is 0 of a node that is done, 1 of one that cannot become active, 2 after one
+    line about a setting out of its bounds, 3 of a node that its lifecycle shut down, 130 after
+    Ctrl-C, and 143 after SIGTERM.
     """
     starter = end_with_starter()
     keep_freed_memory()
@@ -33,10 +35,10 @@ def run(make_node: Callable[[], ManagedNode], args: list[str] | None = None) -> 
     try:
         node = make_node()
         node.bringup.connect(starter)
-        executor = SingleThreadedExecutor()
-        executor.add_node(node)
+        (executor := SingleThreadedExecutor()).add_node(node)
         if not node.autostart():
             sys.exit(FAILED)
+        gc.freeze()  # so that no collection looks through all that was imported
         executor.spin()
     except ValueError as error:
         if node is not None:

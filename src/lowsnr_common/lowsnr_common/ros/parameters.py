@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """ROS parameters of a node, declared from its settings class."""
 
 from __future__ import annotations

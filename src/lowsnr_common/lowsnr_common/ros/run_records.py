@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The bookkeeping of a run as typed records, and back: frames scored, restarts, false-alarm rates.
 

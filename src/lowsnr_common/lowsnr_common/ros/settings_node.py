@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A lifecycle node whose settings can change while it runs, by ``ros2 param set``."""
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from lowsnr_common.settings.flat_values import flat_values
 from lowsnr_common.settings.text import one_line
 from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.lifecycle import LifecycleNode
 from rclpy.lifecycle import LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn
@@ -32,6 +34,16 @@ class SteadyLifecycleNode(LifecycleNode):
         for transition in ('on_configure', 'on_activate', 'on_deactivate'):
             setattr(self, transition, self._explained(getattr(self, transition)))
         super().__init__(name, **kwargs)
+
+    def create_publisher(self, *args: Any, **kwargs: Any) -> Any:
+        """
+        Create a publisher without the default handlers of events, which log other QoS.
+
+        The node reports readers that do not fit itself, and each handler is looked at before
+        every message that the node receives.
+        """
+        none = PublisherEventCallbacks(use_default_callbacks=False)
+        return super().create_publisher(*args, event_callbacks=none, **kwargs)
 
     def _explained(
         self, make: Callable[[LifecycleState], TransitionCallbackReturn],

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Declared, checked settings: one declaration serves Python, YAML, ROS and validation."""

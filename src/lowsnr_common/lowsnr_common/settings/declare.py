@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 How to declare a setting: one declaration serves Python, YAML, ROS parameters and validation.
 

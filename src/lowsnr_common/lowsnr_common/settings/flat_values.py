@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Instances of settings classes from and to flat values, such as ``{'sensor.snr_db': 9.0}``."""
 
 from __future__ import annotations

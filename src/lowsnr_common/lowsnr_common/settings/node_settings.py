@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The settings of nodes, apart from those of their algorithms.
 
@@ -58,6 +59,8 @@ class SimulationSettings:
     lockstep: bool = setting(
         False, 'whether a frame is published once the one before is scored, not at rate_hz')
     loop: bool = setting(False, 'whether the scenario is repeated, with new noise, until stopped')
+    lag: int = setting(
+        0, 'longest lag of the detectors: in lockstep so many frames more are under way', ge=0)
     patience_s: float = setting(
         15.0, 'longest wait, in lockstep, for a frame to be scored [s]', gt=0.0)
     resume_after_ns: int = setting(
@@ -90,6 +93,8 @@ class PlayerSettings:
         le=100_000.0)
     lockstep: bool = setting(
         False, 'whether a frame is published once the one before is scored, not at rate_hz')
+    lag: int = setting(
+        0, 'longest lag of the detectors: in lockstep so many frames more are under way', ge=0)
     patience_s: float = setting(
         15.0, 'longest wait, in lockstep, for the score of a frame [s]', gt=0.0)
     resume_after_ns: int = setting(
@@ -107,6 +112,18 @@ class FrameSettings:
     conditioned: bool = setting(
         False, 'whether a conditioner stands before the detector: the node then waits for the map '
         'of every frame, on camera_info')
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraFrameSettings:
+    """Settings of the conditioner's node: the size of the camera's frames."""
+
+    rows: int = setting(
+        0, 'rows of a frame, 0 if not known; large frames have a short queue', ge=0, le=16384)
+    cols: int = setting(0, 'columns of a frame, 0 if not known', ge=0, le=16384)
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -133,15 +150,24 @@ class DetectionSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class ViewSettings:
-    """Settings of the viewer: how the overlay and the markers look."""
+    """Settings of the viewer: how overlay, markers and live page look."""
 
     sensor: SensorModel = field(default_factory=SensorModel)
     side: int = setting(
         480, 'least length of the longer side of the overlay [pixels]', ge=1, le=4096)
-    trail_frames: int = setting(
-        40, 'length of the trail of a track [frames]', ge=1, le=1000)
+    trail_frames: int = setting(40, 'length of the trail of a track [frames]', ge=1, le=1000)
+    lag: int = setting(
+        0, 'lag of the detector: frames for whose answers the viewer waits more', ge=0)
     ellipse_sigmas: float = setting(
         2.0, 'half axes of the ellipse of a track [standard deviations]', gt=0.0, le=10.0)
+    page: bool = setting(True, 'whether to serve a live page on the loopback address')
+    page_port: int = setting(
+        0, 'port of the live page; 0 for the first free one from 8470 on', ge=0, le=65535)
+    browser: bool = setting(False, "whether to open the live page in the user's browser")
+    title: str = setting('', 'title of the live page')
+    pixels: bool = setting(False, 'whether the live page states positions in pixels, not metres')
+    gate_cells: float = setting(
+        1.5, 'largest distance of a track from the object that it is on [cells]', gt=0.0)
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -156,6 +182,10 @@ class RunSettings:
     detectors: tuple[str, ...] = setting(('sdt',), 'names of the chains')
     operating_points: tuple[str, ...] = setting(
         ('matched',), 'operating point of each chain, for the summary')
+    lags: tuple[int, ...] = setting(
+        (), 'frames by which the answers of each chain are late; empty if none is', ge=0)
+    false_tracks: tuple[float, ...] = setting(
+        (), 'false tracks a frame asked of each chain; empty if of none', ge=0.0, lt=1.0)
     namespaces: bool = setting(
         False, 'whether the topics of each chain are in a namespace of its name')
     truth: bool = setting(
@@ -169,6 +199,13 @@ class RunSettings:
         check_settings(self)
         if len(self.operating_points) != len(self.detectors):
             raise ValueError('RunSettings.operating_points must name one for each detector')
+        if self.lags and len(self.lags) != len(self.detectors):
+            raise ValueError('RunSettings.lags must name one for each detector')
+
+    @property
+    def longest_lag(self) -> int:
+        """Frames by which the latest answer is late."""
+        return max(self.lags, default=0)
 
 
 @dataclass(frozen=True, kw_only=True)

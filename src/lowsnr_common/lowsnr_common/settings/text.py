@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Text from outside: YAML that is safe to load, and messages of one line."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Detectors with adaptive thresholds: from the sequence itself instead of from simulations.
 
@@ -15,49 +16,16 @@ from typing import Any
 from typing import cast
 
 from lowsnr_common.core.measurement import SensorModel
-from lowsnr_common.core.streams import stream
 from lowsnr_detect.adaptive.adaptive_threshold import AdaptiveThreshold
-from lowsnr_detect.adaptive.adaptive_threshold import LEVEL
-from lowsnr_detect.adaptive.local_maxima import local_maxima
-from lowsnr_detect.adaptive.pareto_tail import EDGES
-from lowsnr_detect.adaptive.pareto_tail import START
 from lowsnr_detect.adaptive.tail_memory import TailMemory
-from lowsnr_detect.adaptive.tail_memory import WhiteTail
+from lowsnr_detect.adaptive.white_tail import white_tail
 from lowsnr_detect.parts.cell_detector import CellDetector
 from lowsnr_detect.parts.detector import Declarations
 from lowsnr_detect.parts.detector import Detector
 import numpy as np
 
-# White noise: some 15,000 maxima, after the statistic has settled.
-_RUNS, _SIDE, _SETTLING, _FRAMES = 4, 64, 12, 48
-# The threshold that acts on a memory, beside ``CellDetector.bounded``: no path is more evident, so
-# that what moves as a whole, as when a camera turns, is soon forgotten [nat].
+# A threshold that acts on no memory: no path is more evident [nat].
 _OUT_OF_REACH = 100.0
-
-
-@functools.lru_cache(maxsize=32)
-def white_tail(detector: CellDetector) -> WhiteTail:
-    """Return the tail of the local maxima of a detector's statistic in white noise."""
-    rng, shape = stream(0, 'calibration'), (_RUNS, _SIDE, _SIDE)
-    state, values = detector.init(shape), []
-    for number in range(_SETTLING + _FRAMES):
-        noise = detector.sensor.noise_std * rng.standard_normal(shape)
-        state, planes = detector.statistic(state, noise)
-        if number >= _SETTLING:
-            values += [local_maxima(np.ascontiguousarray(plane, np.float32), _reach(detector))[2]
-                       for plane in planes]
-    maxima = np.concatenate(values).astype(float)
-    low, high = np.quantile(maxima, (LEVEL, (1.0 + LEVEL) / 2.0))
-    scale = float(high - low) / math.log(2.0)
-    excess = (maxima - low) / scale
-    counts = np.histogram(excess[excess > START], EDGES)[0].astype(float)
-    return WhiteTail(
-        float(low), scale, len(maxima) / (_RUNS * _FRAMES * _SIDE**2),
-        float(counts.sum() / len(maxima)), tuple(counts.tolist()))
-
-
-def _reach(detector: CellDetector) -> int:
-    return max(detector.suppressed_reach, 1)
 
 
 @dataclass(frozen=True)
@@ -100,19 +68,28 @@ class AdaptiveDetector:
                 "operating_point 'adaptive' needs; set it to 'matched', or take another detector")
 
     @functools.cached_property
-    def members(self) -> tuple[CellDetector, ...]:
-        """Return the detectors whose statistics are compared."""
-        return cast(CellDetector, replace(self.detector, threshold=_OUT_OF_REACH)).members
-
-    @functools.cached_property
     def tails(self) -> tuple[AdaptiveThreshold, ...]:
         """Return the threshold of each member, which begins with that in white noise."""
-        prob = -math.expm1(math.log1p(-self.prob) / len(self.members))
+        members = cast(CellDetector, replace(self.detector, threshold=_OUT_OF_REACH)).members
+        prob = -math.expm1(math.log1p(-self.prob) / len(members))
         return tuple(
             AdaptiveThreshold(
-                prob, white_tail(member), self.shape, _reach(member),
-                member.frames_per_declaration)
-            for member in self.members)
+                prob, white_tail(member, *self.shape), self.shape, member.peak_reach,
+                member.frames_per_declaration, member.needs_white_noise and len(members) > 1)
+            for member in members)
+
+    @functools.cached_property
+    def members(self) -> tuple[CellDetector, ...]:
+        """
+        Return the detectors whose statistics are compared.
+
+        What depends on a threshold in a memory depends on that in white noise: a statistic that
+        followed the adaptive threshold would never settle in clutter.
+        """
+        return tuple(
+            replace(member, threshold=tail.start)
+            for member, tail in zip(
+                cast(CellDetector, self.detector).members, self.tails, strict=True))
 
     @property
     def sensor(self) -> SensorModel:
@@ -132,10 +109,8 @@ class AdaptiveDetector:
         memories, tails, odds = [], [], []
         for member, memory, threshold, tail in zip(
                 self.members, state.members, self.tails, state.tails, strict=True):
-            limits = threshold.thresholds(tail)
-            bound = limits.threshold.reshape(frame.shape)
-            memory, plane = member.statistic(member.bounded(memory, bound), frame)
-            tail, compared = threshold.step(tail, plane.reshape(-1, *self.shape), limits)
+            memory, plane = member.statistic(memory, frame)
+            tail, compared = threshold.step(tail, plane.reshape(-1, *self.shape))
             memories.append(memory)
             tails.append(tail)
             odds.append(compared.reshape(frame.shape))

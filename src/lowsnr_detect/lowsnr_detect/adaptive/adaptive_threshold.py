@@ -1,20 +1,21 @@
+# SPDX-License-Identifier: Apache-2.0
 """
-A threshold from the tail of the statistic in the earlier frames of the same sequence.
+A threshold from the tail of the statistic in the frames of the same sequence.
 
-Real frames are not white noise: their tails differ from sequence to sequence and from region to
-region.  What noise and clutter reach is learned, causally, from the local maxima of the statistic
-in earlier frames:
+Real frames are not white noise: the level and the scale of their noise differ from sequence to
+sequence, from region to region, and in time.  What noise and clutter reach is learned, causally,
+from the local maxima of the statistic:
 
-1. In each region, level and scale: the 80 % quantile q of the maxima, and the median excess over
-   it divided by ln 2 (the mean, for an exponential tail), which single objects hardly move.
-2. The tail of the normalised excesses ``e = (x - q) / scale``, beyond what was seen by averaged
-   Pareto distributions (:mod:`lowsnr_detect.adaptive.pareto_tail`).
+1. In each region, level and scale of the earlier frames and of this one: the 80 % quantile q of
+   the maxima, and the median excess over it divided by ln 2 (the mean, for an exponential tail),
+   which single objects hardly move.
+2. The tail of the excesses ``e = (x - q) / scale`` of all regions together has the shape of that
+   in white noise, stretched to the number and to the mean that were seen.
 
-By the number of independent maxima, regions are shrunk towards the whole frame, and all towards
-white noise.  Every region has the same share of the false alarms.  A maximum that is above
-the threshold waits for the next frame: if one is near it there, it is an object's and left out,
-unless more than a fifth of the maxima around are above the threshold: that is clutter which is not
-learned yet.
+All are shrunk towards white noise (:mod:`lowsnr_detect.adaptive.tail_fit`), and no threshold is
+below that in white noise.  Every region has the same share of the false alarms.  A maximum that is
+above the threshold waits for the next frame: if one is near it there, it is an object's and left
+out, unless the other maxima around have risen too: that is clutter which is not learned yet.
 """
 
 from __future__ import annotations
@@ -22,38 +23,56 @@ from __future__ import annotations
 from dataclasses import dataclass
 from dataclasses import field
 import math
-from typing import Any
 
 from lowsnr_detect.adaptive.local_maxima import local_maxima
-from lowsnr_detect.adaptive.pareto_tail import EDGES
-from lowsnr_detect.adaptive.pareto_tail import exceeded
-from lowsnr_detect.adaptive.pareto_tail import START
 from lowsnr_detect.adaptive.region_maps import at_cells
-from lowsnr_detect.adaptive.region_maps import bin_quantile
+from lowsnr_detect.adaptive.region_maps import counted
+from lowsnr_detect.adaptive.region_maps import log_odds
 from lowsnr_detect.adaptive.region_maps import pooled
-from lowsnr_detect.adaptive.region_maps import to_cells
+from lowsnr_detect.adaptive.tail_fit import BINS
+from lowsnr_detect.adaptive.tail_fit import bins_of
+from lowsnr_detect.adaptive.tail_fit import frame_quantile
+from lowsnr_detect.adaptive.tail_fit import levels
+from lowsnr_detect.adaptive.tail_fit import limits
+from lowsnr_detect.adaptive.tail_fit import made_up
+from lowsnr_detect.adaptive.tail_fit import RARITIES
+from lowsnr_detect.adaptive.tail_fit import RARITY_STEP
 from lowsnr_detect.adaptive.tail_memory import TailMemory
-from lowsnr_detect.adaptive.tail_memory import Thresholds
-from lowsnr_detect.adaptive.tail_memory import WhiteTail
+from lowsnr_detect.adaptive.white_tail import LEVEL
+from lowsnr_detect.adaptive.white_tail import MIDDLE
+from lowsnr_detect.adaptive.white_tail import START
+from lowsnr_detect.adaptive.white_tail import WhiteTail
 import numpy as np
 
-# The level of a region is this quantile of its maxima.
-LEVEL = 0.8
 # Side of a region [cells], and frames over which the tail is forgotten.
-_REGION, _MEMORY_FRAMES = 24, 50
+_REGION, _MEMORY_FRAMES = 24, 25
 # Frames with maxima before the first answer.
 LEARNING_FRAMES = 4
-# White noise counts as so many independent maxima above the level of a region, and as so many of
-# the tail of the frame.
-_LEVEL_PRIOR, _TAIL_PRIOR = 10.0, 60.0
-# The frame counts as so many independent maxima of the tail of a region.
-_REGION_PRIOR = 20.0
-# Largest share of the maxima around that are taken for objects.
-_MOST_OBJECTS = 0.2
+# The frame itself counts as so many for its level and scale: clutter changes faster than it is
+# forgotten.
+_THIS_FRAME = 3.0
+# Share of the maxima around, without those above the threshold, that is below the level at least
+# where these are objects; four fifths are expected, and added as so many maxima.
+_LEAST_CALM, _CALM_PRIOR = 0.5, 3.0
 # Cells within which an object's maximum stays from a frame to the next.
-_FOLLOWED = 4
-# Bins of a region, in steps of arsinh((x - level) / scale) of white noise.
-_LOWEST, _HIGHEST, _BINS = -4.0, 9.0, 160
+_FOLLOWED = 6
+# Scales by which the quantiles ``MIDDLE`` of the maxima may differ from those in white noise for a
+# statistic that needs it.  In 20 x 20 cells their standard deviation is 0.3 after four frames.
+_NOT_WHITE = 1.0
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """
+    Thresholds of P planes by region, (P, R, C) of float32 [nat], and what they are made of.
+
+    ``unit`` is by how much a value rises for its log odds to rise by 1.
+    """
+
+    threshold: np.ndarray
+    unit: np.ndarray
+    level: np.ndarray
+    scale: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -73,6 +92,8 @@ class AdaptiveThreshold:
         Cells on each side within which a maximum is the largest.
     correlated
         Frames over which the statistic is correlated.
+    only_white
+        Whether nothing is declared where the noise is clearly not white.
 
     """
 
@@ -81,37 +102,49 @@ class AdaptiveThreshold:
     shape: tuple[int, int]
     reach: int = 1
     correlated: int = 1
+    only_white: bool = False
     grid: tuple[int, int] = field(init=False)
 
     def __post_init__(self) -> None:
         rows, cols = (max(1, round(size / _REGION)) for size in self.shape)
         object.__setattr__(self, 'grid', (rows, cols))
 
+    @property
+    def start(self) -> float:
+        """Return the threshold in white noise [nat]."""
+        return self.white.threshold(math.prod(self.shape), self.prob)
+
     def init(self, planes: int = 1) -> TailMemory:
         """Return the memory before the first frame."""
         return TailMemory(
-            np.zeros((planes, *self.grid, _BINS)),
-            np.zeros((planes, *self.grid, len(EDGES) - 1)), np.zeros(planes), 0.0, 0.0, 0,
-            np.zeros((planes, *self.shape), dtype=bool))
+            np.zeros((planes, *self.grid, BINS)), np.zeros((planes, RARITIES)), np.zeros(planes),
+            np.zeros(planes), np.zeros(planes), 0.0, 0,
+            np.zeros((planes, *self.shape), dtype=bool), np.zeros((5, 0)))
 
     def measured(self, memory: TailMemory) -> np.ndarray:
         """Return the share of frames with a crossing that is near none of the frame before."""
-        return np.asarray(memory.alarms / max(memory.answered, 1.0))
+        return np.asarray(memory.alarms / np.maximum(memory.answered, 1.0))
 
-    def thresholds(self, memory: TailMemory) -> Thresholds:
-        """Return the thresholds for the next frame."""
-        level, excess, scale, slope = (
-            each.astype(np.float32) for each in self._regions(memory))
-        threshold, scales = (
-            np.stack([to_cells(each, self.shape) for each in maps])
-            for maps in (level + scale * excess, scale / slope))
-        return Thresholds(threshold, scales, excess, slope)
+    def thresholds(self, memory: TailMemory, maxima: np.ndarray | None = None) -> Thresholds:
+        """Return the thresholds; ``maxima`` (P, R, C, bins) are those of the frame itself."""
+        counts = memory.maxima
+        if self.only_white:
+            memory = self.init(len(counts))
+            counts = memory.maxima
+        elif maxima is not None:
+            counts = counts + _THIS_FRAME * maxima
+        found = levels(counts, self.white, self.correlated)
+        threshold, unit = limits(
+            memory, found, self.white, math.prod(self.shape), self.prob, self.correlated)
+        shape = (len(counts), *self.grid)
+        return Thresholds(*(np.broadcast_to(each, shape).astype(np.float32) for each in (
+            threshold, unit, found.level, found.scale)))
 
     def step(
-        self, memory: TailMemory, planes: np.ndarray, limits: Thresholds,
+        self, memory: TailMemory, planes: np.ndarray,
     ) -> tuple[TailMemory, np.ndarray]:
         """
-        Compare planes with the thresholds from earlier frames, and learn from them.
+        Compare planes with the thresholds, and learn from them.
 
         Parameters
         ----------
@@ -119,8 +152,6 @@ class AdaptiveThreshold:
             Memory after the frame before.
         planes : (P, rows, cols) ndarray of float32
             Statistic of independent runs.
-        limits
-            What :meth:`thresholds` returns for the memory.
 
         Returns
         -------
@@ -131,107 +162,86 @@ class AdaptiveThreshold:
             without a local maximum and in the first ones, from which nothing is known yet.
 
         """
-        odds = planes - limits.threshold
-        odds /= limits.scale
-        found = [local_maxima(np.ascontiguousarray(plane), max(self.reach, 1)) for plane in planes]
-        if not any(value.size for _, _, value in found):
-            return memory, np.full_like(planes, -np.inf)
-        answers = memory.frames >= LEARNING_FRAMES
-        memory = self._learned(memory, found, odds, limits, answers)
-        return memory, odds if answers else np.full_like(planes, -np.inf)
+        each = [local_maxima(np.ascontiguousarray(plane), self.reach) for plane in planes]
+        found = np.concatenate([
+            np.stack([np.full(len(row), n), row, col, value])
+            for n, (row, col, value) in enumerate(each)], axis=1)
+        silent = np.full(planes.shape, -np.inf, np.float32)
+        if not found.size:
+            return memory, silent
+        place = found[:3].astype(np.intp)
+        maxima = self._histogram(found[:, ~memory.crossed[tuple(place)]], len(planes))
+        at, answers = self.thresholds(memory, maxima), memory.frames >= LEARNING_FRAMES
+        heard = self._white(memory.maxima + maxima) & answers
+        for n in np.flatnonzero(heard):
+            silent[n] = log_odds(planes[n], at.threshold[n], at.unit[n])
+        return self._learned(memory, found, at, heard), silent
+
+    def _white(self, maxima: np.ndarray) -> np.ndarray:
+        """Return whether the noise of each plane is as the statistic needs it."""
+        if not self.only_white:
+            return np.ones(len(maxima), dtype=bool)
+        counts = made_up(maxima, self.white).sum(axis=(1, 2))
+        away = [np.abs(frame_quantile(counts, part, self.white) - value)
+                for part, value in zip(MIDDLE, self.white.middle, strict=True)]
+        return np.asarray(np.max(away, axis=0) <= _NOT_WHITE * self.white.scale)
+
+    def _histogram(self, maxima: np.ndarray, planes: int) -> np.ndarray:
+        """Return the numbers of maxima (plane, row, column, value, ...) by region and value."""
+        place = *self._region(maxima), bins_of(maxima[3], self.white)
+        return counted(place, (planes, *self.grid, BINS))
 
     def _learned(
-        self, memory: TailMemory, found: list[tuple[np.ndarray, np.ndarray, np.ndarray]],
-        odds: np.ndarray, limits: Thresholds, answers: bool,
+        self, memory: TailMemory, found: np.ndarray, at: Thresholds, heard: np.ndarray,
     ) -> TailMemory:
         """Return the memory with the maxima of a frame, those of objects left out."""
-        kept = 1.0 - 1.0 / _MEMORY_FRAMES
-        maxima, excesses = kept * memory.maxima, kept * memory.excesses
-        alarms, crossed = kept * memory.alarms, np.zeros_like(memory.crossed)
-        held = []
-        for n, (row, col, value) in enumerate(found):
-            above = odds[n, row, col] > 0.0
-            seen = np.stack([row, col, value, self._excess(limits, odds, (n, row, col))])
-            for i, j in zip(row[above], col[above]):
-                crossed[n, max(i - _FOLLOWED, 0):i + _FOLLOWED + 1,
-                        max(j - _FOLLOWED, 0):j + _FOLLOWED + 1] = True
-            few = self._few(self._region(row, col), above)
-            waits, beside = above & few, crossed[n, row, col] & few
-            before = memory.held[n] if memory.held else seen[:, :0]
-            alone = ~crossed[n, before[0].astype(np.intp), before[1].astype(np.intp)]
-            self._count(
-                np.concatenate([seen[:, ~beside], before[:, alone]], axis=1),
-                maxima[n], excesses[n])
-            alarms[n] += answers and bool(np.any(above & ~memory.crossed[n, row, col]))
-            held.append(seen[:, waits])
+        planes, kept = len(memory.number), 1.0 - 1.0 / _MEMORY_FRAMES
+        threshold, level, scale = (
+            self._at(each, found) for each in (at.threshold, at.level, at.scale))
+        seen = np.concatenate([found, ((found[3] - level) / scale)[None]])
+        place, above = tuple(found[:3].astype(np.intp)), found[3] > threshold
+        calm = self._calm(found, above, found[3] < level, planes)
+        crossed = self._near(found[:, above], planes)
+        alone = ~crossed[tuple(memory.held[:3].astype(np.intp))]
+        noise = np.concatenate(
+            [seen[:, ~(crossed[place] & calm)], memory.held[:, alone]], axis=1)
+        tail, run = noise[:, noise[4] > START], noise[0].astype(np.intp)
+        rarities = kept * memory.rarities
+        rarity = (self.white.rarity(tail[4]) / RARITY_STEP).astype(np.intp)
+        np.add.at(rarities, (tail[0].astype(np.intp), np.minimum(rarity, RARITIES - 1)), 1.0)
+        new = np.bincount(place[0][above & ~memory.crossed[place]], minlength=planes) > 0
         return TailMemory(
-            maxima, excesses, alarms, kept * memory.weight + 1.0,
-            kept * memory.answered + answers, memory.frames + 1, crossed, tuple(held))
+            kept * memory.maxima + self._histogram(noise, planes), rarities,
+            kept * memory.number + np.bincount(run, minlength=planes),
+            kept * memory.alarms + (new & heard), kept * memory.answered + heard,
+            kept * memory.weight + 1.0, memory.frames + 1, crossed, seen[:, above & calm])
 
-    def _excess(
-        self, limits: Thresholds, odds: np.ndarray, cells: tuple[Any, ...],
+    def _at(self, values: np.ndarray, maxima: np.ndarray) -> np.ndarray:
+        """Return values (P, R, C) of regions at the places of maxima."""
+        plane, row, col = maxima[:3].astype(np.intp)
+        return at_cells(values, plane, row, col, self.shape)
+
+    def _region(self, maxima: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Return plane, row and column of the region of each maximum."""
+        plane, row, col = maxima[:3].astype(np.intp)
+        return (plane, row * self.grid[0] // self.shape[0], col * self.grid[1] // self.shape[1])
+
+    def _near(self, maxima: np.ndarray, planes: int) -> np.ndarray:
+        """Return which cells (P, rows, cols) are near maxima."""
+        near = np.zeros((planes, *self.shape), dtype=bool)
+        for n, i, j in maxima[:3].astype(np.intp).T:
+            near[n, max(i - _FOLLOWED, 0):i + _FOLLOWED + 1,
+                 max(j - _FOLLOWED, 0):j + _FOLLOWED + 1] = True
+        return near
+
+    def _calm(
+        self, found: np.ndarray, above: np.ndarray, low: np.ndarray, planes: int,
     ) -> np.ndarray:
-        """Return the normalised excess of cells, with the limits of the regions around."""
-        n, row, col = cells
-        limit, slope = (
-            at_cells(each[n], row, col, self.shape) for each in (limits.excess, limits.slope))
-        return np.asarray(limit + odds[n, row, col] / slope)
-
-    def _region(self, row: np.ndarray, col: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the region of each cell."""
-        return (row * self.grid[0] // self.shape[0], col * self.grid[1] // self.shape[1])
-
-    def _count(self, noise: np.ndarray, maxima: np.ndarray, excesses: np.ndarray) -> None:
-        """Count maxima (row, column, value, excess) in the bins of their regions."""
-        region, value, excess = self._region(*noise[:2].astype(np.intp)), noise[2], noise[3]
-        np.add.at(maxima, (*region, self._bin(value)), 1.0)
-        tail = excess > START
-        part = np.searchsorted(EDGES, excess[tail]) - 1
-        np.add.at(excesses, (region[0][tail], region[1][tail], part), 1.0)
-
-    def _few(self, region: tuple[np.ndarray, ...], above: np.ndarray) -> np.ndarray:
-        """Return whether few of the maxima around each are above the threshold."""
-        counts = np.zeros((2, *self.grid))
-        np.add.at(counts[0], region, above)
-        np.add.at(counts[1], region, 1.0)
-        crossing, every = pooled(counts[..., None])[..., 0]
-        return np.asarray((crossing <= _MOST_OBJECTS * every)[region])
-
-    def _bin(self, value: np.ndarray) -> np.ndarray:
-        """Return the bin of values."""
-        step = np.arcsinh((value - self.white.level) / self.white.scale) - _LOWEST
-        return np.asarray(
-            np.clip(step * (_BINS / (_HIGHEST - _LOWEST)), 0, _BINS - 1).astype(np.intp))
-
-    def _levels(self, maxima: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return level and scale of each region and its neighbours, (P, R, C)."""
-        counts, white = pooled(maxima), self.white
-        step = (_HIGHEST - _LOWEST) / _BINS
-        low, high = (
-            white.level + white.scale * np.sinh(_LOWEST + step * bin_quantile(counts, part))
-            for part in (LEVEL, (1.0 + LEVEL) / 2.0))
-        number = counts.sum(axis=-1) * (1.0 - LEVEL) / self.correlated
-        weight = number / (number + _LEVEL_PRIOR)
-        return (
-            weight * low + (1.0 - weight) * white.level,
-            weight * (high - low) / math.log(2.0) + (1.0 - weight) * white.scale)
-
-    def _regions(self, memory: TailMemory) -> tuple[np.ndarray, ...]:
-        """Return level, limit of the excess, scale, and slope at the limit, each (P, R, C)."""
-        white, area = self.white, pooled(np.ones((1, *self.grid, 1)))[..., 0]
-        level, scale = self._levels(memory.maxima)
-        # Maxima, and independent ones of the tail, of the frame and of each region.
-        number = memory.maxima.sum(axis=-1)
-        a_region = white.per_cell * math.prod(self.shape) / math.prod(self.grid)
-        maxima = (pooled(number[..., None])[..., 0] / area + a_region) / (memory.weight + 1.0)
-        prior = np.array(white.excesses) / sum(white.excesses)
-        frame = memory.excesses.sum(axis=(1, 2)) / self.correlated + _TAIL_PRIOR * prior
-        total = number.sum(axis=(1, 2)) / self.correlated + _TAIL_PRIOR / white.share
-        share = (frame.sum(axis=-1) / total)[:, None, None]
-        frame = (frame / frame.sum(axis=-1, keepdims=True))[:, None, None]
-        counts = pooled(memory.excesses) / self.correlated + _REGION_PRIOR * frame
-        within = pooled(number[..., None])[..., 0] / self.correlated + _REGION_PRIOR / share
-        share = counts.sum(axis=-1) / within
-        wanted = -math.log1p(-self.prob) / (math.prod(self.grid) * maxima * share)
-        excess, slope = exceeded(counts, np.minimum(wanted, 0.5))
-        return level, excess, scale, slope
+        """Return where the maxima that are not above the threshold are as before."""
+        region = self._region(found)
+        few, every, high = (
+            pooled(counted(region, (planes, *self.grid), which)[..., None])[..., 0]
+            for which in (low & ~above, ~above, above))
+        calm = few + LEVEL * _CALM_PRIOR >= _LEAST_CALM * (every + _CALM_PRIOR)
+        calm &= high <= few + _CALM_PRIOR
+        return np.asarray(calm[region])

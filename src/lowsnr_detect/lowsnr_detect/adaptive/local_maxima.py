@@ -1,9 +1,12 @@
+# SPDX-License-Identifier: Apache-2.0
 """Local maxima of planes, compiled."""
 
 from __future__ import annotations
 
 from lowsnr_common.core.compiled import compiled
 import numpy as np
+
+_NONE = np.float32(-np.inf)
 
 
 @compiled
@@ -20,22 +23,25 @@ def local_maxima(plane: np.ndarray, reach: int) -> tuple[np.ndarray, np.ndarray,
 
     """
     rows, cols = plane.shape
-    count = 0
-    found = np.empty((rows * cols // 2 + 1, 2), np.intp)
+    # Of each row the largest value around each cell: the cell included, and the others alone.
+    around = np.empty((rows, cols), np.float32)
+    most = np.empty((rows, cols), np.float32)
     for row in range(rows):
-        line, col = plane[row], 0
-        while col < cols:
-            value = line[col]
-            # Most cells fall behind a neighbour in the row.
-            if (col + 1 < cols and line[col + 1] >= value) or not value > np.float32(-np.inf):
-                col += 1
-            elif (col > 0 and line[col - 1] >= value) or not _exceeds(
-                    plane, row, col, value, reach):
-                col += 2
-            else:
+        most[row] = _NONE
+        _raise_by_row(plane[row], reach, most[row])
+        for col in range(cols):
+            value = plane[row, col]
+            around[row, col] = value if value > most[row, col] else most[row, col]
+    count, found = 0, np.empty((rows * cols // 2 + 1, 2), np.intp)
+    for row in range(rows):
+        line, others = plane[row], most[row]
+        for other in range(max(row - reach, 0), min(row + reach + 1, rows)):
+            if other != row:
+                _raise(around[other], others)
+        for col in range(cols):
+            if line[col] > others[col]:
                 found[count, 0], found[count, 1] = row, col
                 count += 1
-                col += reach + 1
     row_of, col_of = found[:count, 0].copy(), found[:count, 1].copy()
     values = np.empty(count, np.float32)
     for n in range(count):
@@ -44,10 +50,15 @@ def local_maxima(plane: np.ndarray, reach: int) -> tuple[np.ndarray, np.ndarray,
 
 
 @compiled
-def _exceeds(plane: np.ndarray, row: int, col: int, value: float, reach: int) -> bool:
-    """Return whether a value exceeds all others within the reach of its cell."""
-    for i in range(max(row - reach, 0), min(row + reach + 1, plane.shape[0])):
-        for j in range(max(col - reach, 0), min(col + reach + 1, plane.shape[1])):
-            if plane[i, j] >= value and (i != row or j != col):
-                return False
-    return True
+def _raise_by_row(line: np.ndarray, reach: int, most: np.ndarray) -> None:
+    """Raise values to the largest of the other cells of a line within the reach."""
+    for step in range(1, min(reach, len(line) - 1) + 1):
+        _raise(line[:-step], most[step:])
+        _raise(line[step:], most[:-step])
+
+
+@compiled
+def _raise(line: np.ndarray, most: np.ndarray) -> None:
+    """Raise values to those of a line."""
+    for col in range(len(most)):
+        most[col] = line[col] if line[col] > most[col] else most[col]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Calibration curves on disk, one small file each, shared by all processes."""
 
 from __future__ import annotations
@@ -9,10 +10,14 @@ import inspect
 import json
 import os
 from pathlib import Path
+import sys
 from typing import Any
 from uuid import uuid4
 
 import lowsnr_common.core
+import lowsnr_common.noise
+import lowsnr_detect.decisions
+import lowsnr_detect.grid
 import lowsnr_detect.parts
 import numpy as np
 
@@ -105,13 +110,24 @@ def _seal(key: str, record: Mapping[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
+def code_files(cls: type) -> set[Path]:
+    """Return the modules that the result of a calibration depends on."""
+    modules = (
+        lowsnr_common.core, lowsnr_common.noise, lowsnr_detect.parts, lowsnr_detect.grid,
+        lowsnr_detect.decisions)
+    folders = [Path(__file__).parent, *(Path(each.__path__[0]) for each in modules)]
+    files = {path for folder in folders for path in folder.glob('*.py')}
+    # The classes that it is made from, and those of other detectors that its module uses.
+    module = sys.modules[cls.__module__]
+    used = [
+        each for each in vars(module).values()
+        if inspect.isclass(each) and each.__module__.startswith('lowsnr_detect.detectors.')]
+    return files | {
+        Path(inspect.getfile(each)) for each in (*cls.__mro__, *used) if each is not object}
+
+
 def _code_digest(cls: type) -> str:
-    folders = [*lowsnr_common.core.__path__, *lowsnr_detect.parts.__path__]
-    here = Path(__file__).parent
-    files = {path for folder in map(Path, folders) for path in folder.glob('*.py')}
-    files |= set(here.glob('*.py'))
-    files |= {Path(inspect.getfile(base)) for base in cls.__mro__ if base is not object}
     digest = hashlib.sha256()
-    for path in sorted(files, key=lambda path: (path.parent.name, path.name)):
+    for path in sorted(code_files(cls), key=lambda path: (path.parent.name, path.name)):
         digest.update(path.read_bytes())
     return digest.hexdigest()

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The curve of threshold against false-alarm probability, and the look-up on it.
 
@@ -67,8 +68,10 @@ class Curve:
     ----------
     shape, simulated_shape, runs, frames, seed
         As for :class:`Calibration`.
+    local
+        Whether the probabilities are those of the simulated part, and not of the frame.
     log_odds
-        ``ln(p / (1 - p))`` of the false-alarm probability p of the simulated frame, ascending.
+        ``ln(p / (1 - p))`` of the false-alarm probability p, ascending.
     threshold, low, high, measured_prob
         Threshold, its 95 % interval [nat], and measured probability at each of ``log_odds``.
 
@@ -79,6 +82,7 @@ class Curve:
     runs: int
     frames: int
     seed: int
+    local: bool
     log_odds: tuple[float, ...]
     threshold: tuple[float, ...]
     low: tuple[float, ...]
@@ -95,7 +99,8 @@ class Curve:
             If the probability is not in (0, 1).
 
         """
-        where = log_odds(part_prob(false_alarm_prob, self.shape, self.simulated_shape))
+        part = self.simulated_shape if self.local else self.shape
+        where = log_odds(part_prob(false_alarm_prob, self.shape, part))
         threshold, low, high, measured = (
             float(np.interp(where, self.log_odds, getattr(self, name))) for name in _COLUMNS)
         return Calibration(

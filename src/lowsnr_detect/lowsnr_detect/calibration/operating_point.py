@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Detectors at their operating point: nominal, manual, or calibrated to a false-alarm probability.
 
@@ -28,6 +29,7 @@ from lowsnr_detect.calibration.curve import Calibration
 from lowsnr_detect.calibration.curve import Curve
 from lowsnr_detect.calibration.curve import curve_from_record
 from lowsnr_detect.calibration.empty_frames import Progress
+from lowsnr_detect.calibration.shipped import shipped_curve
 from lowsnr_detect.calibration.simulated_curve import simulate_curve
 from lowsnr_detect.parts.detector import Detector
 
@@ -68,7 +70,7 @@ def curve(
     progress: Progress | None = None, warn: Warn = warnings.warn, **options: Any,
 ) -> Curve:
     """
-    Return the curve of a detector: from disk, or simulated and kept there.
+    Return the curve of a detector: from disk, or from the package or simulated, and kept there.
 
     Parameters
     ----------
@@ -93,9 +95,20 @@ def known_curve(
     detector: Detector, shape: tuple[int, int], *, folder: Path | None = None,
     warn: Warn = warnings.warn, **options: Any,
 ) -> Curve | None:
-    """Return the curve of a detector if it is on disk and sound, else None."""
-    record = load(folder or default_folder(), _key(detector, shape, options), warn)
-    return None if record is None else curve_from_record(record)
+    """
+    Return the curve of a detector if it is on disk and sound, or part of the package, else None.
+
+    One that is part of the package is kept on disk, where its code need not be looked at again.
+    """
+    detector, kept = at_unit_period(detector), folder or default_folder()
+    key = _key(detector, shape, options)
+    record = load(kept, key, warn)
+    if record is not None:
+        return curve_from_record(record)
+    found = None if options else shipped_curve(detector, shape)
+    if found is not None:
+        save(kept, key, found.record(), warn)
+    return found
 
 
 def at_operating_point(
@@ -151,10 +164,10 @@ def _key(detector: Detector, shape: tuple[int, int], options: dict[str, Any]) ->
     """
     Return the name of a curve on disk.
 
-    The threshold of the detector does not matter, nor does the frame period, which of a camera is
-    measured anew at each start.
+    The threshold of the detector does not matter, nor does the frame period, which is 1 here: of
+    a camera it is measured anew at each start.
     """
-    settings = flat_values(at_unit_period(detector))
+    settings = flat_values(detector)
     del settings['threshold']
     return cache_key(type(detector), {
         'settings': settings, 'shape': list(shape), 'options': options})

@@ -1,59 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The curve of threshold against false-alarm probability, from simulated empty frames.
 
 Empty frames are simulated as they are scored: in runs of a stated number of frames, each from a
 fresh start.  With Q(p) the value that the statistic exceeds with probability p, the threshold
-for p is Q(p).
-
-Where a declaration acts on the memory of the detector (``feedback``), the statistic itself
-depends on the threshold t, and the threshold for p solves ``Q(p; t) = t``.  The detector is then
-simulated with several thresholds on the same random numbers, between which Q is interpolated
-linearly.  Thresholds are added where Q differs by more than 0.1 nat between neighbours.
+for p is Q(p) (:mod:`lowsnr_detect.calibration.threshold_search`).  Runs are added until the
+fraction of alarms at the threshold for 0.01 is known to 15 % (95 % interval), or the effort is
+spent (:mod:`lowsnr_detect.calibration.effort`).
 
 For a rare alarm Q comes from the tail fitted to the largest values
 (:mod:`lowsnr_detect.calibration.tail_quantile`).  A statistic that is a maximum over cells
 (``local``) is simulated on a part of a large frame: a frame is without an alarm if all its parts
 are, so that ``1 - p`` of the part is that of the frame to the power of its fraction of the cells.
+
+The posterior odds of one object in a frame of A cells are a mean over cells, of terms whose tail
+falls as 1 / odds.  With A there are more terms, each of which counts less, so that the threshold
+for a rare alarm depends on A no more than on the noise of a simulation.  That of a frame that is
+too costly is therefore the threshold of a part, with 0.3 nat more in its interval.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
-import math
-
 from lowsnr_detect.calibration.curve import Curve
 from lowsnr_detect.calibration.curve import log_odds
 from lowsnr_detect.calibration.curve import part_prob
-from lowsnr_detect.calibration.empty_frames import empty_frame_peaks
+from lowsnr_detect.calibration.effort import most_runs
+from lowsnr_detect.calibration.effort import simulated_part
 from lowsnr_detect.calibration.empty_frames import Progress
 from lowsnr_detect.calibration.empty_frames import Simulation
-from lowsnr_detect.calibration.tail_quantile import upper_quantile
-from lowsnr_detect.calibration.tail_quantile import upper_quantiles
+from lowsnr_detect.calibration.threshold_search import ThresholdSearch
 from lowsnr_detect.parts.detector import Detector
 import numpy as np
 
 # The false-alarm probability that the simulation is made for, the default of the project.
 DESIGN_PROB = 0.01
 PROTOCOL_FRAMES = 40
-# Largest part of a frame that is simulated; at 64 x 64 cells edges hold 6 % of the cells.
-MOST_CELLS = 64 * 64
-# The design probability is measured to 5 % (400 alarms), in runs that take seconds.
-_EXPECTED_ALARMS = 400
-_MOST_RUNS = 1000
-# A threshold out of reach of noise, with which the search begins [nat].
-_START = 50.0
-_TOLERANCE = 0.01
-_MOST_ROUNDS = 8
-# Change of a quantile between neighbouring thresholds that linear interpolation bridges [nat].
-_NEIGHBOURS = 0.1
-_MOST_SIMULATIONS = 16
-# Thresholds are added for quantiles that the sample shows, of probabilities that are of use.
-_LEAST_ALARMS, _MOST_PROB = 10, 0.9
 # Points of the curve: the log odds of 2e-9 to 0.99995 in steps that a straight line bridges to
 # 0.001 nat, and a few beyond, where no simulation can check the fitted tail.
 _LOG_ODDS = (-700.0, -300.0, -100.0, -50.0, -30.0, *np.arange(-20.0, 10.01, 0.25).tolist())
-# 200 draws give the limits of a 95 % interval to a tenth of its width.
-_BOOTSTRAPS = 200
+# Difference between the thresholds of a posterior in 32 x 32 cells and in larger frames that
+# simulations do not exclude, for alarms in up to a tenth of the frames [nat].
+_SIZE_ERROR = 0.3
 
 
 def simulate_curve(
@@ -73,13 +60,11 @@ def simulate_curve(
     frames
         Frames of a run, each run from a fresh start.
     runs
-        Number of runs; by default for 400 alarms at a false-alarm probability of 0.01, but no
-        more than 1000.
+        Number of runs; by default as many as are needed, and no more than are affordable.
     seed
         Root seed of noise and detector.
     extrapolate
-        Whether to simulate a part of a frame of more than 64 x 64 cells, where the statistic of
-        the detector is local.
+        Whether to simulate a part of a large frame.
     progress
         Called now and then with the fraction of the work that is done, in [0, 1].
 
@@ -94,155 +79,16 @@ def simulate_curve(
             ('runs', 2 if runs is None else runs, 2)):
         if value < least:
             raise ValueError(f'{name} = {value!r}, must be at least {least}')
-    part = _part(shape) if extrapolate and detector.local else shape
-    prob = part_prob(DESIGN_PROB, shape, part)
-    runs = runs or min(_MOST_RUNS, max(2, math.ceil(_EXPECTED_ALARMS / (prob * frames))))
+    part = simulated_part(detector, shape, frames) if extrapolate else shape
+    prob = part_prob(DESIGN_PROB, shape, part) if detector.local else DESIGN_PROB
     odds = np.unique([*_LOG_ODDS, log_odds(prob)])
-    search = _Search(detector, Simulation(runs, frames, part, seed), progress)
+    search = ThresholdSearch(
+        detector, Simulation(runs or most_runs(detector, part, frames), frames, part, seed),
+        progress, early=runs is None)
     threshold, low, high, measured = search.points(prob, odds)
+    if part != shape and not detector.local:
+        low, high = low - _SIZE_ERROR, high + _SIZE_ERROR
     return Curve(
-        shape, part, runs, frames, seed, tuple(odds.tolist()), tuple(threshold.tolist()),
-        tuple(low.tolist()), tuple(high.tolist()), tuple(measured.tolist()))
-
-
-class _Search:
-    """The search for the points of a curve; it keeps the statistic of every simulation."""
-
-    def __init__(
-        self, detector: Detector, simulation: Simulation, progress: Progress | None,
-    ) -> None:
-        self.detector, self.simulation, self.progress = detector, simulation, progress
-        # (runs, frames) by the threshold of the detector.
-        self.peaks: dict[float, np.ndarray] = {}
-
-    def points(
-        self, prob: float, odds: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return threshold, interval and measured probability at each of the log odds."""
-        probs = 1.0 / (1.0 + np.exp(-odds))
-        design, design_peaks = self._design_threshold(prob)
-        found = upper_quantiles(design_peaks.ravel(), probs)
-        low, high = (bound - found for bound in self._interval(design_peaks, probs))
-        threshold = self._reproduced(probs, float(found[-1])) if self.detector.feedback else found
-        # The point of the design probability stays as it was found; none is out of order.
-        threshold[odds == log_odds(prob)] = design
-        threshold = np.where(odds < log_odds(prob), np.maximum(threshold, design), threshold)
-        threshold = np.where(odds > log_odds(prob), np.minimum(threshold, design), threshold)
-        threshold = np.maximum.accumulate(threshold[::-1])[::-1]
-        if self.progress:
-            self.progress(1.0)
-        return (threshold, np.minimum(threshold + low, threshold),
-                np.maximum(threshold + high, threshold), self._measured(threshold))
-
-    def _simulated(self, threshold: float) -> np.ndarray:
-        """Return the statistic (runs, frames) of the detector with a threshold."""
-        if threshold not in self.peaks:
-            # How many simulations feedback takes is not known: each counts as half of the rest.
-            left = 0.5**len(self.peaks)
-            part = left / 2.0 if self.detector.feedback else 1.0
-
-            def progress(done: float) -> None:
-                if self.progress:
-                    self.progress(1.0 - left + done * part)
-
-            self.peaks[threshold] = empty_frame_peaks(
-                replace(self.detector, threshold=threshold), self.simulation, progress)
-        return self.peaks[threshold]
-
-    def _design_threshold(self, prob: float) -> tuple[float, np.ndarray]:
-        """
-        Find the threshold for the design probability, and the statistic that it comes from.
-
-        With feedback it is the quantile of the statistic that it leads to itself: a fixed
-        point, found by Aitken's method.
-        """
-        tried, history = _START, []
-        for _ in range(_MOST_ROUNDS):
-            peaks = self._simulated(tried)
-            found = upper_quantile(peaks.ravel(), prob)
-            if not self.detector.feedback or abs(found - tried) <= _TOLERANCE:
-                break
-            history.append((tried, found))
-            tried = found
-            if len(history) > 1:
-                (before, first), (last, second) = history[-2:]
-                slope = np.clip((second - first) / (last - before), -1.0, 0.9)
-                tried = float(last + (found - last) / (1.0 - slope))
-        return found, peaks
-
-    def _reproduced(self, probs: np.ndarray, lowest: float) -> np.ndarray:
-        """Return the thresholds that solve ``Q(p; t) = t``; none is expected below ``lowest``."""
-        alarms = probs * self.simulation.runs * self.simulation.frames
-        counted = (alarms >= _LEAST_ALARMS) & (probs <= _MOST_PROB)
-        self._simulated(lowest)
-        while True:
-            tried = np.array(sorted(self.peaks))
-            quantiles = np.stack([
-                upper_quantiles(self.peaks[each].ravel(), probs) for each in tried.tolist()])
-            solved = _solved(tried, quantiles)
-            between = np.searchsorted(tried, solved).clip(1, len(tried) - 1)
-            change = abs(np.diff(quantiles, axis=0))[between - 1, np.arange(len(probs))]
-            change = np.where(counted, change, 0.0)
-            # The middle of the interval with the largest change splits it.
-            widest = counted & (between == between[change.argmax()])
-            wanted = float(np.median(solved[widest])) if widest.any() else lowest
-            if (change.max() <= _NEIGHBOURS or wanted in self.peaks
-                    or len(self.peaks) >= _MOST_SIMULATIONS):
-                return solved
-            self._simulated(wanted)
-
-    def _interval(
-        self, peaks: np.ndarray, probs: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the 95 % interval of every quantile, by bootstrap over whole runs."""
-        # Whole runs are drawn, because the frames of a run depend on each other.
-        rng = np.random.default_rng(self.simulation.seed)
-        draws = rng.integers(len(peaks), size=(_BOOTSTRAPS, len(peaks)))
-        found = [upper_quantiles(peaks[draw].ravel(), probs) for draw in draws]
-        low, high = np.quantile(found, (0.025, 0.975), axis=0)
-        return low, high
-
-    def _measured(self, threshold: np.ndarray) -> np.ndarray:
-        """Return the fraction of frames above each threshold, where it was simulated nearest."""
-        tried = np.array(list(self.peaks))
-        nearest = abs(threshold[:, None] - tried).argmin(axis=1)
-        return np.array([
-            np.mean(self.peaks[float(tried[n])] > each) for n, each in zip(nearest, threshold)])
-
-
-def _solved(tried: np.ndarray, quantiles: np.ndarray) -> np.ndarray:
-    """
-    Return where each interpolated quantile Q(p; t) equals t.
-
-    Parameters
-    ----------
-    tried : (n,) ndarray
-        Thresholds t that were simulated, ascending [nat].
-    quantiles : (n, P) ndarray
-        Q of each probability at these [nat].
-
-    Returns
-    -------
-    (P,) ndarray
-        The thresholds; beyond those that were simulated the quantile of the nearest.
-
-    """
-    gap = quantiles - tried[:, None]
-    column = np.arange(quantiles.shape[1])
-    after = np.where((gap <= 0.0).any(axis=0), (gap <= 0.0).argmax(axis=0), len(tried) - 1)
-    before = np.maximum(after - 1, 0)
-    above, below = gap[before, column], gap[after, column]
-    crossed = (above > 0.0) & (below <= 0.0)
-    weight = np.divide(above, above - below, out=np.zeros_like(above), where=crossed)
-    inside = (1.0 - weight) * quantiles[before, column] + weight * quantiles[after, column]
-    return np.where(crossed, inside, quantiles[after, column])
-
-
-def _part(shape: tuple[int, int]) -> tuple[int, int]:
-    """Return the part of a frame to simulate: at most ``MOST_CELLS``, as square as possible."""
-    rows, cols = shape
-    if rows * cols <= MOST_CELLS:
-        return shape
-    short = min(rows, cols, math.isqrt(MOST_CELLS))
-    long = MOST_CELLS // short
-    return (short, long) if rows <= cols else (long, short)
+        shape, part, search.simulation.runs, frames, seed, detector.local, tuple(odds.tolist()),
+        tuple(threshold.tolist()), tuple(low.tolist()), tuple(high.tolist()),
+        tuple(measured.tolist()))

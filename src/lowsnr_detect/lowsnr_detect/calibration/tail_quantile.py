@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Upper quantiles of a sample, also of those rarer than the sample can show."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The detectors, one file each; every module of this folder registers its own."""
 
 from importlib import import_module

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 AUTO: a velocity bank for what moves and a path test for what hardly moves, as one list.
 
@@ -5,7 +6,8 @@ The velocity bank (:mod:`lowsnr_detect.detectors.velocity_bank`) subtracts what 
 and therefore holds the false-alarm rate in clutter, but misses objects below about a tenth of a
 cell a frame.  Page's test along paths (:mod:`lowsnr_detect.detectors.cusum`) finds these.  The
 larger statistic of both decides in every cell; with adaptive thresholds each has a tail of its
-own and half of the false alarms.
+own and half of the false alarms, and the path test, which presumes white noise, declares nothing
+where the noise clearly is not white.
 """
 
 from __future__ import annotations
@@ -24,6 +26,10 @@ from lowsnr_detect.parts.cell_detector import CellDetector
 from lowsnr_detect.parts.detector import CORRELATED_FRAMES
 from lowsnr_detect.parts.registry import register
 import numpy as np
+
+# Headroom of the path test [nat].  The sums around a strong object, and where one was, are soon
+# below the threshold; the bank bridges the frames in which a weak one is.
+_HEADROOM = 2.0
 
 
 @register('auto')
@@ -51,7 +57,8 @@ class Auto(CellDetector):
         same: dict[str, Any] = {
             'sensor': self.sensor, 'threshold': self.threshold, 'regions': self.regions,
             'thinning_reach': self.thinning_reach, 'max_detections': self.max_detections}
-        return VelocityBank(fastest=self.fastest, **same), CUSUM(motion=self.motion, **same)
+        return VelocityBank(fastest=self.fastest, **same), CUSUM(
+            motion=self.motion, headroom=_HEADROOM, **same)
 
     @property
     def frames_per_declaration(self) -> int:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 BERNOULLI: local Bernoulli filters on the grid of cells, for many objects in frames of any size.
 
@@ -15,6 +16,17 @@ that knows this mass alone.  The mass of 3 x 3 cells is the probability that the
 object.  Where it is largest and exceeds the threshold, an object is declared, with the mean and
 covariance of its state in these cells; the next is looked for in the other cells.  There is no
 association, and no number of objects.
+
+With a fixed lag the answer is about frame t = k - lag, given all frames to k.  With w_t(x) and
+v_t(x) the ratios by which the frames after t change the probability of an object in x, and of
+none around x, the mass ``w_t p_t`` follows backwards from ``w_k = v_k = 1`` ::
+
+    s(y) = w_j(y) p_j(y) / m_j(y),      u(x) = v_j(x) / (1 - A_j(x) + Q_j(x))
+    v_{j-1}(x) = (1 - sum_y P_b b(y)) u(x) + sum_y P_b b(y) s(y)
+    w_{j-1}(x) = v_{j-1}(x) + (1 - P_d) sum_y T(y | x) [s(y) - u(x)]
+
+with the sums of v over the window of x.  An object appears whether or not there was another
+before it, as in m.
 """
 
 from __future__ import annotations
@@ -25,27 +37,39 @@ from dataclasses import replace
 from typing import ClassVar
 from typing import Self
 
+from lowsnr_common.core.likelihood import cell_log_ratio
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.core.motion import MotionModes
+from lowsnr_common.core.motion import POS
+from lowsnr_common.core.records import Prediction
 from lowsnr_common.settings.declare import check_settings
 from lowsnr_common.settings.declare import setting
+from lowsnr_detect.decisions.decision import Decision
+from lowsnr_detect.decisions.decision import declared_at
+from lowsnr_detect.grid.declared_objects import masses
+from lowsnr_detect.grid.declared_objects import strongest_first
+from lowsnr_detect.grid.fixed_lag import FixedLag
 from lowsnr_detect.grid.move_classes import move_transitions
 from lowsnr_detect.grid.neighbourhoods import declared_objects
-from lowsnr_detect.grid.neighbourhoods import left_over
 from lowsnr_detect.grid.neighbourhoods import posterior
 from lowsnr_detect.grid.neighbourhoods import predicted_objects
+from lowsnr_detect.grid.neighbourhoods import window_sums
+from lowsnr_detect.grid.transitions import expect
+from lowsnr_detect.grid.transitions import inside
 from lowsnr_detect.grid.transitions import predict
 from lowsnr_detect.grid.transitions import Transitions
 from lowsnr_detect.parts.detector import CORRELATED_FRAMES
 from lowsnr_detect.parts.detector import Declarations
 from lowsnr_detect.parts.local_estimate import grid_moments
-from lowsnr_detect.parts.local_estimate import windows
+from lowsnr_detect.parts.local_estimate import no_moments
 from lowsnr_detect.parts.registry import register
 import numpy as np
 import scipy
 
 # Largest log-likelihood ratio of a cell: outliers would overflow.
 _MOST_LOG_RATIO = 100.0
+# Log odds from which on the place of an object is looked for; a threshold is higher.
+_LEAST = -5.0
 
 
 @dataclass(frozen=True)
@@ -61,21 +85,25 @@ class Mass:
         Factor of each cell.
     mass : (..., rows, cols) ndarray
         Sum of p_k over the histories.
+    absent : (..., rows, cols) ndarray
+        1 / (1 - A_k + Q_k), by which the frame changes the probability of no object.
 
     """
 
     planes: np.ndarray
     scale: np.ndarray
     mass: np.ndarray
+    absent: np.ndarray
 
 
 @register('bernoulli')
 @dataclass(frozen=True, kw_only=True)
-class Bernoulli:
+class Bernoulli(FixedLag):
     """A Bernoulli filter in every neighbourhood of the frame."""
 
     feedback: ClassVar[bool] = False
     local: ClassVar[bool] = True
+    costly: ClassVar[tuple[str, ...]] = ('order', 'motion.max_speed_mps')
 
     sensor: SensorModel = field(default_factory=SensorModel)
     motion: MotionModes = field(default_factory=MotionModes)
@@ -85,8 +113,10 @@ class Bernoulli:
     death_prob: float = setting(
         0.03, 'probability P_d that an object disappears from a frame to the next', gt=0.0,
         lt=1.0)
+    decision: Decision = field(default_factory=Decision)
     threshold: float = setting(
-        0.0, 'log posterior odds above which an object is declared [nat]', live=True)
+        0.0, 'statistic of the decision above which an object is declared: for existence its log '
+        'posterior odds [nat]', live=True)
     regions: int = setting(
         1, 'sub-regions of the frame that are processed in parallel; the result is the same',
         ge=1, le=64)
@@ -109,33 +139,62 @@ class Bernoulli:
         """Return the detector that declares what is more likely than not."""
         return replace(self, threshold=0.0)
 
-    def init(self, shape: tuple[int, ...]) -> Mass:
-        """Return the mass before the first frame of shape (..., rows, cols): none."""
-        return Mass(np.zeros((self.transitions.count, *shape)), np.zeros(shape), np.zeros(shape))
+    @property
+    def state_planes(self) -> int:
+        """Return the number of histories of moves."""
+        return self.transitions.count
 
-    def step(
-        self, state: Mass, frame: np.ndarray, rng: np.random.Generator,
-    ) -> tuple[Mass, Declarations]:
-        """
-        Predict, weigh by the frame, normalise every neighbourhood, and declare.
-
-        Parameters
-        ----------
-        state : Mass
-            Mass after the last frame.
-        frame : (..., rows, cols) ndarray
-            Cell intensities.
-        rng
-            Not used; the filter is deterministic.
-
-        """
+    def filtered(self, last: Mass | None, frame: np.ndarray) -> Mass:
+        """Predict, weigh by the frame, and normalise every neighbourhood."""
+        if last is None:
+            none = np.zeros(frame.shape)
+            last = Mass(np.zeros((self.transitions.count, *frame.shape)), none, none, none)
         planes, predicted = predict(
-            self.transitions, state.planes, state.scale, np.array(1.0 - self.death_prob),
+            self.transitions, last.planes, last.scale, np.array(1.0 - self.death_prob),
             np.array(self.birth_prob), self.regions)
-        ratio = np.minimum(self.sensor.log_likelihood_ratio(frame), _MOST_LOG_RATIO)
-        mass = self._posterior(state, predicted, np.exp(ratio))
-        state = Mass(planes, mass / predicted, mass)
-        return state, self._declare(state)
+        ratio = cell_log_ratio(self.sensor, frame)
+        likelihood = np.exp(np.clip(ratio, -_MOST_LOG_RATIO, _MOST_LOG_RATIO))
+        mass = self._posterior(last, predicted, likelihood)
+        scale = mass / predicted
+        return Mass(planes, scale, mass, scale / likelihood)
+
+    def smoothed(self, beliefs: tuple[Mass, ...]) -> Declarations:
+        """
+        Declare the objects of the frame of the first belief, given all of them.
+
+        With a lag the posterior over the prediction is not what one frame says, so that the
+        declarations have no prediction.
+        """
+        declared = self._declare(self.smoothed_mass(beliefs))
+        return replace(declared, predicted=None) if self.lag else declared
+
+    def smoothed_mass(self, beliefs: tuple[Mass, ...]) -> Mass:
+        """Return the mass in the frame of the first belief, given all of them."""
+        then, *later = beliefs
+        if not later:
+            return then
+        planes = then.planes * self._present(later)
+        return replace(then, planes=planes, mass=planes.sum(axis=0) * then.scale)
+
+    def _present(self, later: list[Mass]) -> np.ndarray:
+        """Return w_t (C, ..., rows, cols), given the beliefs after frame t."""
+        survives, shape = 1.0 - self.death_prob, later[0].mass.shape
+        stays = survives * inside(self.transitions, shape[-2:], self.regions)
+        stays = stays.reshape(len(stays), *[1] * (len(shape) - 2), *shape[-2:])
+        born = self.birth_prob * window_sums(np.ones(shape[-2:]))
+        present, absent = np.ones_like(later[0].planes), np.ones(shape)
+        for belief in later[::-1]:
+            # In place: arrays of many planes cost more to make than to fill.
+            present *= belief.scale
+            none = absent * belief.absent
+            births = np.einsum('c,c...->...', self.transitions.appears, present)
+            absent = (1.0 - born) * none + self.birth_prob * window_sums(births)
+            present = expect(self.transitions, present, self.regions)
+            present *= survives
+            present -= stays * none
+            present += absent
+            np.maximum(present, 0.0, out=present)
+        return present
 
     def _posterior(
         self, state: Mass, predicted: np.ndarray, likelihood: np.ndarray,
@@ -152,24 +211,33 @@ class Bernoulli:
         return after
 
     def _declare(self, state: Mass) -> Declarations:
-        """Declare the 3 x 3 cells whose log odds of an object exceed the threshold."""
+        """Declare the 3 x 3 cells where the statistic of the decision exceeds the threshold."""
         *batch, rows, cols = state.mass.shape
+        bound = min(self.threshold, _LEAST) if self.decision.places else self.threshold
         cells, log_odds = declared_objects(
-            state.mass.reshape(-1, rows, cols), self.threshold, self.max_detections)
-        used = log_odds > self.threshold
+            state.mass.reshape(-1, rows, cols), bound, self.max_detections)
+        statistic, likely = log_odds.copy(), log_odds > bound
+        prob = np.full(likely.shape, np.nan)
+        (mean, cov), (before, before_cov) = no_moments(likely.shape), no_moments(likely.shape)
+        if likely.any():
+            where, size = cells[likely], self.sensor.cell_size_m
+            predicted, joint = masses(state.planes, state.scale, np.nonzero(likely)[0], where)
+            prob[likely] = np.minimum(predicted.sum(axis=(1, 2, 3)), 1.0)
+            before[likely], before_cov[likely] = self._moments(predicted, where)
+            mean[likely], cov[likely] = self._moments(joint, where)
+            if self.decision.places:
+                place, share = self.decision.best_places(joint.sum(axis=1), 1)
+                statistic[likely] = self.decision.statistic(log_odds[likely], share)
+                mean[likely], cov[likely] = declared_at(
+                    mean[likely], cov[likely], size * (where - 1 + place))
         # A score of zero means no declaration, so that a tiny probability is rounded up.
-        prob = np.maximum(scipy.special.expit(log_odds), np.finfo(float).tiny)
-        score = np.where(used, prob, 0.0)
-        mean, cov = np.full((*used.shape, 4), np.nan), np.full((*used.shape, 4, 4), np.nan)
-        if used.any():
-            run, where = np.nonzero(used)[0], cells[used]
-            planes = state.planes.reshape(len(state.planes), -1, rows, cols)
-            joint = windows(planes, run, where) * windows(
-                state.scale.reshape(1, -1, rows, cols), run, where)
-            joint = joint * left_over(run, where)[:, None]
-            mean[used], cov[used] = grid_moments(
-                joint, where, self.transitions.velocity, self.transitions.velocity_cov,
-                self.sensor.cell_size_m)
-        return Declarations(
-            log_odds[:, 0].reshape(batch), score.reshape(*batch, -1),
-            mean.reshape(*batch, -1, 4), cov.reshape(*batch, -1, 4, 4))
+        score = np.maximum(scipy.special.expit(log_odds), np.finfo(float).tiny)
+        return strongest_first(
+            self.threshold, batch, Declarations(statistic, score, mean, cov),
+            Prediction(prob, before[..., POS], before_cov[..., POS, :][..., POS]))
+
+    def _moments(self, joint: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return mean and covariance of the state of objects in 3 x 3 cells."""
+        return grid_moments(
+            joint, cells, self.transitions.velocity, self.transitions.velocity_cov,
+            self.sensor.cell_size_m)

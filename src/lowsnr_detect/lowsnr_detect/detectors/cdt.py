@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 CDT, Section III: threshold every cell of every frame by itself.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 CUSUM: Page's test, the sequential test for a start that is not known, along every path.
 
@@ -71,6 +72,8 @@ class CUSUM(CellDetector):
     """Page's test over all paths: declare the cells with ``S_k > ln th``."""
 
     feedback: ClassVar[bool] = True
+    # Ratios of likelihoods in white noise: what stays in place adds to a sum without end.
+    needs_white_noise: ClassVar[bool] = True
     # At 6 dB hits within 1.5 cells are most frequent with 2: P_D .55, .57, .60, .59 for 0 to 3
     # (150 runs, random.yaml).
     centroid_reach: ClassVar[int] = 2
@@ -117,11 +120,6 @@ class CUSUM(CellDetector):
         """
         sums = self._extended(state, frame)
         return sums, sums
-
-    def bounded(self, state: np.ndarray, threshold: np.ndarray) -> np.ndarray:
-        """Return the sums with the cap of Page's test, by the threshold of each cell."""
-        cap = np.maximum(threshold, 0.0) + self.headroom
-        return np.asarray(np.minimum(state, cap), dtype=np.float32)
 
     def _extended(self, state: np.ndarray, frame: np.ndarray) -> np.ndarray:
         """Return what :func:`page_recursion` does, by compiled loops over bands of rows."""

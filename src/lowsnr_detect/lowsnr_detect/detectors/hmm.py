@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 HMM: the Bayes-Markov filter on the grid of cells, exact for the moves it assumes.
 
@@ -25,24 +26,28 @@ object, the ratio ``r_t(x) = beta_t(x) / beta_t(0)`` follows backwards from r_k 
 
     log odds of E_t = 1:  log odds after frame t + ln sum_x g_t(x) r_t(x)
 
-The state that is declared is the mean of g within the 3 x 3 cells that hold most of it.
+Unless ``decision`` asks for another, the state that is declared is the mean of g within the
+3 x 3 cells that hold most of it.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from dataclasses import field
+from typing import ClassVar
 
 from lowsnr_common.core.destination import Destination
 from lowsnr_common.core.likelihood import relative_likelihood
 from lowsnr_common.settings.declare import setting
+from lowsnr_detect.grid.fixed_lag import FixedLag
+from lowsnr_detect.grid.fixed_lag import LEAST_RATIO
 from lowsnr_detect.grid.grid_filter import as_plane
 from lowsnr_detect.grid.grid_filter import birth_belief
 from lowsnr_detect.grid.grid_filter import expect_belief
-from lowsnr_detect.grid.grid_filter import local_moments
 from lowsnr_detect.grid.grid_filter import move_and_weigh
 from lowsnr_detect.grid.grid_filter import over_runs
 from lowsnr_detect.grid.grid_filter import total
+from lowsnr_detect.grid.grid_posterior import GridBelief
 from lowsnr_detect.parts.destination_moves import cell_likelihoods
 from lowsnr_detect.parts.destination_moves import move_likelihoods
 from lowsnr_detect.parts.detector import Declarations
@@ -53,9 +58,6 @@ from lowsnr_detect.parts.moves import MoveModel
 from lowsnr_detect.parts.moves import shifted
 from lowsnr_detect.parts.registry import register
 import numpy as np
-
-# Lower bound of r: outliers may underflow it to zero, and its sum must have a logarithm.
-_LEAST_RATIO = 1e-200
 
 
 def forward(
@@ -132,58 +134,37 @@ class Belief:
 
 @register('hmm')
 @dataclass(frozen=True, kw_only=True)
-class HMM(PosteriorDetector):
+class HMM(FixedLag, PosteriorDetector):
     """Forward recursion of ``p(cell, last moves, E_k | Z^k)``, with an optional fixed lag."""
+
+    costly: ClassVar[tuple[str, ...]] = ('order', 'motion.max_speed_mps')
 
     destination: Destination = field(default_factory=Destination)
     order: int = setting(2, 'last moves that the next one depends on', ge=0, le=2)
     regions: int = setting(
         1, 'sub-regions of the frame that are processed in parallel; the result is the same',
         ge=1, le=64)
-    lag: int = setting(
-        0, 'frames by which the answer is late: it is about the frame so many frames ago', ge=0,
-        le=20)
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.lag and self.destination.probability:
-            raise ValueError(
-                f'HMM.lag = {self.lag}, must be 0 where destination.probability is above 0')
+    @property
+    def state_planes(self) -> int:
+        """Return the number of histories of moves."""
+        return move_model(self.motion, self.sensor, self.order).history.size
 
-    def init(self, shape: tuple[int, ...]) -> tuple[Belief, ...]:
-        """Return the beliefs of the last ``lag + 1`` frames, none at first."""
-        return ()
-
-    def step(
-        self, state: tuple[Belief, ...], frame: np.ndarray, rng: np.random.Generator,
-    ) -> tuple[tuple[Belief, ...], Declarations]:
-        """
-        Advance by a frame and declare the object of the frame ``lag`` frames ago.
-
-        Parameters
-        ----------
-        state : tuple of Belief
-            Beliefs after the last frames, the newest last.
-        frame : (..., rows, cols) ndarray
-            Cell intensities.
-        rng
-            Not used; the filter is deterministic.
-
-        """
+    def smoothed(self, beliefs: tuple[Belief, ...]) -> Declarations:
+        """Declare the object of the frame of the first belief, given all of them."""
         model = move_model(self.motion, self.sensor, self.order)
-        state = (*state[-self.lag or len(state):], self._filtered(model, state, frame))
-        log_odds, weights = self._smoothed(model, state)
-        if len(state) <= self.lag:
-            log_odds = np.full_like(log_odds, -np.inf)
-        return state, declare_posterior(
-            log_odds, self.threshold,
-            lambda found: local_moments(weights[:, :, found], model, self.sensor.cell_size_m))
+        log_odds, weights = self._backward(model, beliefs)
+        joint, then = weights.reshape(-1, *weights.shape[2:]), beliefs[0]
+        where = GridBelief(
+            joint, np.ones(joint.shape[1:]), model.velocity.reshape(-1, 2),
+            model.velocity_cov.reshape(-1, 2, 2), self.sensor.cell_size_m)
+        return declare_posterior(log_odds, self.threshold, self.decision, where.posterior(
+            lambda runs: joint[:, runs].sum(axis=0),
+            None if self.lag else then.likelihood, then.peak))
 
-    def _filtered(
-        self, model: MoveModel, state: tuple[Belief, ...], frame: np.ndarray,
-    ) -> Belief:
+    def filtered(self, last: Belief | None, frame: np.ndarray) -> Belief:
         """Make one step of the forward recursion, with l_k divided by its largest value."""
-        last = state[-1] if state else None
+        model = move_model(self.motion, self.sensor, self.order)
         born, stays, absent = self.existence.predict(last.log_odds if last else None)
         likelihood, peak = relative_likelihood(self.sensor, frame)
         number = last.frame + 1 if last else 1
@@ -225,25 +206,38 @@ class HMM(PosteriorDetector):
             self.destination, self.motion, self.sensor, self.order, number, (rows, cols))
         return np.asarray(births * over_runs(factor, len(shape) - 2))
 
-    def _smoothed(
+    def _backward(
         self, model: MoveModel, state: tuple[Belief, ...],
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return log odds and g_t r_t, not normalised, of the oldest frame t, given all frames."""
         then, chain = state[0], self.existence
         if len(state) == 1:
             return then.log_odds, then.weights
-        survives = 1.0 - chain.death_prob
-        births = birth_belief(model, then.likelihood.shape)
-        inside = np.ones((*model.history.shape, *then.likelihood.shape[-2:]))
-        gone = over_runs(1.0 - survives * expect_belief(model, inside), then.log_odds.ndim)
+        survives, shape = 1.0 - chain.death_prob, then.likelihood.shape
+        inside, gone = np.ones((*model.history.shape, *shape[-2:])), None
         ratio = np.ones_like(then.weights)
         for later in state[:0:-1]:
+            number = later.frame
+            births = self._births(model, number, shape)
+            if gone is None or self.destination.is_ahead(number):
+                gone = over_runs(
+                    1.0 - survives * self._expected(model, number, inside), then.log_odds.ndim)
             # Numerator and denominator are divided by exp(peak), which could overflow.
             peak = np.maximum(later.peak, 0.0)
             one = np.exp(-peak)
             value = ratio * later.likelihood * as_plane(np.exp(later.peak - peak))
-            present = survives * expect_belief(model, value) + gone * as_plane(one)
+            present = survives * self._expected(model, number, value) + gone * as_plane(one)
             absent = (1.0 - chain.birth_prob) * one + chain.birth_prob * total(births * value)
-            ratio = np.maximum(present / as_plane(absent), _LEAST_RATIO)
+            ratio = np.maximum(present / as_plane(absent), LEAST_RATIO)
         weights = then.given * ratio
         return then.log_odds + np.log(total(weights)), weights
+
+    def _expected(self, model: MoveModel, number: int, value: np.ndarray) -> np.ndarray:
+        """Return ``sum_y P(y | x) value(y)`` for the moves into a frame."""
+        if not self.destination.is_ahead(number):
+            return expect_belief(model, value)
+        rows, cols = value.shape[-2:]
+        factor, mean = move_likelihoods(
+            self.destination, self.motion, self.sensor, self.order, number, (rows, cols))
+        expected = expect_belief(model, value, factor)
+        return np.asarray(expected / over_runs(mean, value.ndim - 4))

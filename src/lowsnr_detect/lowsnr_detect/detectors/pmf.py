@@ -1,10 +1,11 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 PMF: the point-mass filter, the Bayes filter on a grid of positions finer than cells.
 
 The hidden state is the existence E_k of the object (Section V) and x = (point, mode, heading,
 speed), with R x R points in every cell.  With ``l_k`` the likelihood ratio of the cell of a
-point, eq. (4), b(x) the distribution of a birth, uniform, and ``T(x | y)`` the transition
-probability that the motion model leads to
+point, eq. (4), or with blur of the point itself, b(x) the distribution of a birth, uniform, and
+``T(x | y)`` the transition probability that the motion model leads to
 (:mod:`lowsnr_detect.grid.point_classes`), the recursion is that of HMM ::
 
     m_k(x) = P_b (1 - p_{k-1}) b(x) + (1 - P_d) p_{k-1} sum_y T(x | y) g_{k-1}(y)
@@ -15,26 +16,36 @@ probability that the motion model leads to
 where p is the probability of existence given Z^k, g that of x given existence, and inside_k the
 probability that the moved object is still in the frame.  HMM remembers one or two moves of whole
 cells, in which heading and speed hardly show; PMF knows them, and detects fainter objects at
-several times the cost.  The state that is declared is the mean of g within the 3 x 3 cells that
-hold most of it.
+several times the cost.  Unless ``decision`` asks for another, the state that is declared is the
+mean of g within the 3 x 3 cells that hold most of it.
+
+With a fixed lag the answer is about frame t = k - lag, given all frames to k.  As in HMM the
+ratio ``r_t(x)`` of the likelihoods of the frames after t, given x and given no object, follows
+backwards from r_k = 1; what leaves the frame does not exist any more ::
+
+    r_{j-1}(x) = { 1 + (1 - P_d) sum_y T(y | x) [ l_j(y) r_j(y) - 1 ] }
+                 / { 1 - P_b + P_b sum_y b(y) l_j(y) r_j(y) }
+    log odds of E_t = 1:  log odds after frame t + ln sum_x g_t(x) r_t(x)
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from dataclasses import replace
+from typing import ClassVar
 
 from lowsnr_common.core.likelihood import relative_likelihood
 from lowsnr_common.settings.declare import setting
+from lowsnr_detect.grid.fixed_lag import FixedLag
+from lowsnr_detect.grid.fixed_lag import LEAST_RATIO
+from lowsnr_detect.grid.grid_posterior import GridBelief
 from lowsnr_detect.grid.point_classes import point_transitions
+from lowsnr_detect.grid.transitions import expect
 from lowsnr_detect.grid.transitions import predict
 from lowsnr_detect.grid.transitions import Transitions
 from lowsnr_detect.parts.detector import Declarations
 from lowsnr_detect.parts.existence import declare_posterior
 from lowsnr_detect.parts.existence import PosteriorDetector
-from lowsnr_detect.parts.local_estimate import best_cells
-from lowsnr_detect.parts.local_estimate import grid_moments
-from lowsnr_detect.parts.local_estimate import windows
 from lowsnr_detect.parts.moves import shifted
 from lowsnr_detect.parts.registry import register
 import numpy as np
@@ -51,8 +62,14 @@ class Belief:
         m_k of each class and point.
     scale : (..., R rows, R cols) ndarray
         l_k / a_k of each point.
-    log_odds : (...,) ndarray or None
-        Log odds of existence [nat]; None before the first frame.
+    mass : (..., R rows, R cols) ndarray
+        Sum of g_k over the classes.
+    log_odds : (...,) ndarray
+        Log odds of existence [nat].
+    likelihood : (..., R rows, R cols) ndarray
+        l_k of each point, divided by its largest value.
+    peak : (...,) ndarray
+        Log of that value [nat].
     resolution
         Points R per cell and axis.
 
@@ -60,20 +77,27 @@ class Belief:
 
     planes: np.ndarray
     scale: np.ndarray
-    log_odds: np.ndarray | None
+    mass: np.ndarray
+    log_odds: np.ndarray
+    likelihood: np.ndarray
+    peak: np.ndarray
     resolution: int
 
     def moved(self, by: tuple[int, int], cell_size_m: float) -> Belief:
         """Return the belief in cells whose first one moved ``by`` rows and columns."""
         step = -self.resolution * np.array(by)
-        return replace(
-            self, planes=shifted(self.planes, step, 0.0), scale=shifted(self.scale, step, 0.0))
+        planes, scale, mass, likelihood = (
+            shifted(each, step, 0.0)
+            for each in (self.planes, self.scale, self.mass, self.likelihood))
+        return replace(self, planes=planes, scale=scale, mass=mass, likelihood=likelihood)
 
 
 @register('pmf')
 @dataclass(frozen=True, kw_only=True)
-class PMF(PosteriorDetector):
+class PMF(FixedLag, PosteriorDetector):
     """Forward recursion of ``p(point, mode, heading, speed, E_k | Z^k)``."""
+
+    costly: ClassVar[tuple[str, ...]] = ('resolution', 'headings', 'speeds')
 
     resolution: int = setting(2, 'points per cell and axis', ge=1, le=8)
     headings: int = setting(24, 'intervals of the heading', ge=4, le=128)
@@ -89,54 +113,57 @@ class PMF(PosteriorDetector):
             self.motion, self.sensor.cell_size_m / self.resolution, self.sensor.frame_period_s,
             self.headings, self.speeds)
 
-    def init(self, shape: tuple[int, ...]) -> Belief:
-        """Return the belief before the first frame of shape (..., rows, cols): no object."""
-        *batch, rows, cols = shape
-        points = (*batch, self.resolution * rows, self.resolution * cols)
-        return Belief(
-            np.zeros((self.transitions.count, *points)), np.zeros(points), None, self.resolution)
+    @property
+    def state_planes(self) -> int:
+        """Return the number of classes and points in a cell."""
+        return self.resolution**2 * self.headings * self.speeds * self.motion.count
 
-    def step(
-        self, state: Belief, frame: np.ndarray, rng: np.random.Generator,
-    ) -> tuple[Belief, Declarations]:
-        """
-        Predict, weigh by the frame and declare.
-
-        Parameters
-        ----------
-        state : Belief
-            Belief after the last frame.
-        frame : (..., rows, cols) ndarray
-            Cell intensities.
-        rng
-            Not used; the filter is deterministic.
-
-        """
-        born, stays, absent = self.existence.predict(state.log_odds)
-        likelihood, peak = relative_likelihood(self.sensor, frame)
-        weight = likelihood.repeat(self.resolution, axis=-2).repeat(self.resolution, axis=-1)
-        points = weight.shape[-2] * weight.shape[-1]
+    def filtered(self, last: Belief | None, frame: np.ndarray) -> Belief:
+        """Predict, and weigh by the frame."""
+        born, stays, absent = self.existence.predict(last.log_odds if last else None)
+        weight, peak = relative_likelihood(self.sensor, frame, self.resolution)
+        count, points = self.transitions.count, weight.shape[-2] * weight.shape[-1]
         planes, mass = predict(
-            self.transitions, state.planes, state.scale, stays, born / points, self.regions)
+            self.transitions, last.planes if last else np.zeros((count, *weight.shape)),
+            last.scale if last else np.zeros_like(weight), stays, born / points, self.regions)
         # What left the frame no longer exists; rounding may leave less than nothing.
         absent = absent + np.maximum(born + stays - mass.sum(axis=(-2, -1)), 0.0)
         total = (mass * weight).sum(axis=(-2, -1))
+        scale = weight / total[..., None, None]
         log_odds = np.log(total) + peak - np.log(absent)
-        state = replace(
-            state, planes=planes, scale=weight / total[..., None, None], log_odds=log_odds)
-        return state, declare_posterior(
-            log_odds, self.threshold, lambda found: self._local_moments(
-                planes[:, found], state.scale[found], (mass * weight)[found]))
+        return Belief(
+            planes, scale, mass * scale, log_odds, weight, peak, self.resolution)
 
-    def _local_moments(
-        self, planes: np.ndarray, scale: np.ndarray, mass: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return mean and covariance of the best local mode of n runs."""
-        R, transitions = self.resolution, self.transitions
-        count, rows, cols = mass.shape
-        cells = best_cells(
-            mass.reshape(count, rows // R, R, cols // R, R).sum(axis=(2, 4)))
-        runs = np.arange(count)
-        joint = windows(planes, runs, cells, R) * windows(scale[None], runs, cells, R)
-        return grid_moments(
-            joint, cells, transitions.velocity, transitions.velocity_cov, self.sensor.cell_size_m)
+    def smoothed(self, beliefs: tuple[Belief, ...]) -> Declarations:
+        """Declare the object of the frame of the first belief, given all of them."""
+        then, *later = beliefs
+        planes, mass, log_odds = then.planes, then.mass, then.log_odds
+        if later:
+            planes = planes * self._ratio(later)
+            mass = planes.sum(axis=0) * then.scale
+            log_odds = log_odds + np.log(mass.sum(axis=(-2, -1)))
+        where = GridBelief(
+            planes, then.scale, self.transitions.velocity, self.transitions.velocity_cov,
+            self.sensor.cell_size_m, self.resolution)
+        return declare_posterior(log_odds, self.threshold, self.decision, where.posterior(
+            lambda runs: mass[runs], None if self.lag else then.likelihood, then.peak))
+
+    def _ratio(self, later: list[Belief]) -> np.ndarray:
+        """Return r_t (C, ..., R rows, R cols), given the beliefs after frame t."""
+        survives, born = 1.0 - self.existence.death_prob, self.existence.birth_prob
+        appears = self.transitions.appears
+        ratio = np.ones_like(later[0].planes)
+        for belief in later[::-1]:
+            # Numerator and denominator are divided by exp(peak), which could overflow.
+            peak = np.maximum(belief.peak, 0.0)
+            one = np.exp(-peak)
+            # In place: arrays of many planes cost more to make than to fill.
+            ratio *= belief.likelihood * np.exp(belief.peak - peak)[..., None, None]
+            births = np.einsum('c,c...->...', appears, ratio).mean(axis=(-2, -1))
+            ratio -= one[..., None, None]
+            ratio = expect(self.transitions, ratio, self.regions)
+            ratio *= survives
+            ratio += one[..., None, None]
+            ratio /= ((1.0 - born) * one + born * births)[..., None, None]
+            np.maximum(ratio, LEAST_RATIO, out=ratio)
+        return ratio

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 SDT, Section IV-A: add measurements along every path until the sum decides.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 TBD1 and MMTBD1, Section V-A: existence is one more variable that the particles carry.
 
@@ -36,7 +37,7 @@ from lowsnr_detect.parts.births import log_birth_proposal
 from lowsnr_detect.parts.detector import Declarations
 from lowsnr_detect.parts.existence import declare_posterior
 from lowsnr_detect.parts.existence import PosteriorDetector
-from lowsnr_detect.parts.local_estimate import particle_moments
+from lowsnr_detect.parts.local_estimate import particle_posterior
 from lowsnr_detect.parts.registry import register
 import numpy as np
 
@@ -100,9 +101,8 @@ class MMTBD1(PosteriorDetector):
         resampled = Particles(
             pick(exists, chosen), pick(now.states, chosen), pick(now.modes, chosen))
         return resampled, declare_posterior(
-            log_odds, self.threshold,
-            lambda found: particle_moments(
-                self.sensor, frame.shape[-2:], now.states[found], with_object[found]))
+            log_odds, self.threshold, self.decision,
+            particle_posterior(self.sensor, frame.shape[-2:], now.states, with_object))
 
     def _predicted(
         self, state: Particles | None, frame: np.ndarray, rng: np.random.Generator,

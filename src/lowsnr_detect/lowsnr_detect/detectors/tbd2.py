@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 TBD2 and MMTBD2, Section V-B: the presence probability from birth and continuing particles.
 
@@ -19,7 +20,8 @@ several MMTBD2.
 
 Note: births are proposed where the frame is bright (:mod:`lowsnr_detect.parts.births`), of
 which the paper gives no details.  A destination, which the paper's Section VII proposes,
-multiplies the weights by its arrival likelihood.
+multiplies the weights by its arrival likelihood.  Of several destinations, with an unknown time
+of arrival, each particle carries one from its birth on (:mod:`lowsnr_common.core.bound_motion`).
 """
 
 from __future__ import annotations
@@ -28,6 +30,10 @@ from dataclasses import dataclass
 from dataclasses import field
 from dataclasses import replace
 
+from lowsnr_common.core.bound_motion import Bound
+from lowsnr_common.core.bound_motion import Destinations
+from lowsnr_common.core.bound_motion import draw_bound
+from lowsnr_common.core.bound_motion import move_bound
 from lowsnr_common.core.destination import Destination
 from lowsnr_common.core.destination import move_towards
 from lowsnr_common.core.destination import state_likelihood
@@ -44,7 +50,7 @@ from lowsnr_detect.parts.births import log_birth_proposal
 from lowsnr_detect.parts.detector import Declarations
 from lowsnr_detect.parts.existence import declare_posterior
 from lowsnr_detect.parts.existence import PosteriorDetector
-from lowsnr_detect.parts.local_estimate import particle_moments
+from lowsnr_detect.parts.local_estimate import particle_posterior
 from lowsnr_detect.parts.registry import register
 import numpy as np
 
@@ -64,6 +70,8 @@ class Particles:
         Log odds of existence [nat].
     frame
         Number of the frame, from 1.
+    bound : Bound of (..., N) or None
+        Their destinations; None where there are none.
 
     """
 
@@ -71,10 +79,13 @@ class Particles:
     modes: np.ndarray
     log_odds: np.ndarray
     frame: int
+    bound: Bound | None = None
 
     def moved(self, by: tuple[int, int], cell_size_m: float) -> Particles:
         """Return the particles in cells whose first one moved ``by`` rows and columns."""
-        return replace(self, states=moved_states(self.states, by, cell_size_m))
+        return replace(
+            self, states=moved_states(self.states, by, cell_size_m),
+            bound=self.bound and self.bound.moved(by, cell_size_m))
 
 
 @register('mmtbd2')
@@ -83,8 +94,15 @@ class MMTBD2(PosteriorDetector):
     """Multiple-model particle filter with birth particles and continuing particles."""
 
     destination: Destination = field(default_factory=Destination)
+    destinations: Destinations = field(default_factory=Destinations)
     particles: int = setting(3000, 'continuing particles N_c', ge=1, le=10_000_000)
     birth_particles: int = setting(1000, 'birth particles N_b', ge=1, le=10_000_000)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.destinations.densities and self.destination.probability:
+            raise ValueError('destination and destinations exclude each other: set one of them')
+        self.destinations.check_motion(self.motion)
 
     def step(
         self, state: Particles | None, frame: np.ndarray, rng: np.random.Generator,
@@ -106,6 +124,7 @@ class MMTBD2(PosteriorDetector):
         number = state.frame + 1 if state else 1
         states, modes, log_weights = self._births(number, frame, rng)
         log_weights = log_weights + np.log(born)[..., None]
+        bound = self._bound(state, modes.shape, rng)
         if state:
             moved, moved_modes, log_factor = self._continuing(state, frame.shape, rng)
             log_moved = state_log_ratio(self.sensor, frame, moved)
@@ -117,11 +136,20 @@ class MMTBD2(PosteriorDetector):
         log_weights, log_sum = normalise(log_weights)
         log_odds = log_sum - np.log(absent)
         chosen = systematic_resample(log_weights, self.particles, rng)
-        resampled = Particles(pick(states, chosen), pick(modes, chosen), log_odds, number)
+        bound = bound and Bound(pick(bound.place, chosen), pick(bound.arrival, chosen))
+        resampled = Particles(pick(states, chosen), pick(modes, chosen), log_odds, number, bound)
         return resampled, declare_posterior(
-            log_odds, self.threshold,
-            lambda found: particle_moments(
-                self.sensor, frame.shape[-2:], states[found], log_weights[found]))
+            log_odds, self.threshold, self.decision,
+            particle_posterior(self.sensor, frame.shape[-2:], states, log_weights))
+
+    def _bound(
+        self, state: Particles | None, born: tuple[int, ...], rng: np.random.Generator,
+    ) -> Bound | None:
+        """Return the destinations of births and continuing particles, if there are any."""
+        if not self.destinations.densities:
+            return None
+        births = draw_bound(self.destinations.densities, born, rng)
+        return Bound.join([births, state.bound]) if state and state.bound else births
 
     def _continuing(
         self, state: Particles, shape: tuple[int, ...], rng: np.random.Generator,
@@ -129,6 +157,10 @@ class MMTBD2(PosteriorDetector):
         """Move the continuing particles; return states, modes and log factor of the weights."""
         period, number = self.sensor.frame_period_s, state.frame + 1
         modes = self.motion.switch(state.modes, period, rng)
+        if state.bound:
+            return move_bound(
+                self.motion, state.states, modes, state.bound.place,
+                state.bound.left_s(number, period), period, rng), modes, 0.0
         if not self.destination.is_ahead(number):
             return self.motion.move(state.states, modes, period, rng), modes, 0.0
         states, log_factor = move_towards(

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 BANK: shift and add along constant velocities, what moves against what stands in place.
 
@@ -9,7 +10,8 @@ and z limited to ``limit`` sigma ::
     D_k^v(c) = S_k^v(c) - g S_k^0(c),      u_k(c) = max over v of D_k^v(c) / std D_k^v
 
 g is the weight of what stands in place: an edge or a pixel that stays above its background adds
-to S^0 as to every slow S^v, and takes itself out.  u is normal for white noise of each velocity,
+to S^0 as to every slow S^v, and takes itself out.  In other than normal noise z / sigma is the
+log-likelihood ratio of the cell, standardised.  u is normal for white noise of each velocity,
 and ``u^2 / 2`` (u > 0) is the log-likelihood ratio of an object of unknown intensity, maximised
 over the intensity; the statistic therefore does not depend on a design SNR.  Objects slower than
 about a tenth of a cell a frame take themselves out: a path test (SDT, CUSUM) finds those.
@@ -21,12 +23,14 @@ nothing is interpolated and the noise stays white.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from dataclasses import replace
 import functools
 from typing import ClassVar
 
 from lowsnr_common.settings.declare import setting
 from lowsnr_detect.parts.bands import in_bands
 from lowsnr_detect.parts.bank_kernels import extend_bank
+from lowsnr_detect.parts.bank_kernels import LARGEST
 from lowsnr_detect.parts.cell_detector import CellDetector
 from lowsnr_detect.parts.detector import CORRELATED_FRAMES
 from lowsnr_detect.parts.moves import shifted
@@ -35,6 +39,8 @@ import numpy as np
 
 # Older frames weigh less than f^k < 1e-4 of the newest in the variance of a sum.
 _LEAST_WEIGHT = 1e-4
+# Beyond so many standard deviations a sum is cut, so that the step it is stored in stays small.
+_MOST_SUM = 256.0
 
 
 @functools.cache
@@ -51,8 +57,8 @@ def velocity_grid(fastest: float, rings: int) -> np.ndarray:
     return np.asarray(points[order[square[order] <= rings**2]] * (fastest / rings))
 
 
-def places(velocity: np.ndarray, frame: int) -> np.ndarray:
-    """Return round(k v), (V, 2) of int, for frame number k."""
+def places(velocity: np.ndarray, frame: int | np.ndarray) -> np.ndarray:
+    """Return round(k v), (V, 2) of int, for frame number k; (..., V, 2) for (..., 1, 1) of k."""
     return np.floor(velocity * frame + 0.5).astype(np.intp)
 
 
@@ -86,10 +92,33 @@ def shift_and_add(
 
 @dataclass(frozen=True)
 class BankSums:
-    """S_k, (V, ..., rows, cols) of float32, and the number k of frames that are not blank."""
+    """
+    S_k of every velocity, and the number k of frames that are not blank.
 
-    sums: np.ndarray
+    Parameters
+    ----------
+    stored : (..., rows, V, cols) ndarray of int16
+        S_k in whole numbers of ``step``.
+    step
+        Unit of the stored numbers [standard deviations of the noise].
+    frame
+        k.
+
+    """
+
+    stored: np.ndarray
+    step: float
     frame: int
+
+    @property
+    def sums(self) -> np.ndarray:
+        """Return S_k, (V, ..., rows, cols) of float32."""
+        return np.moveaxis(self.stored, -2, 0) * np.float32(self.step)
+
+    def moved(self, by: tuple[int, int], cell_size_m: float) -> BankSums:
+        """Return the memory for cells whose first one moved ``by`` rows and columns."""
+        planes = shifted(np.moveaxis(self.stored, -2, -3), np.negative(by), 0)
+        return replace(self, stored=np.ascontiguousarray(np.moveaxis(planes, -3, -2)))
 
 
 @register('bank')
@@ -127,9 +156,16 @@ class VelocityBank(CellDetector):
         """Return the velocities, (V, 2) in rows and columns a frame, the first of them zero."""
         return velocity_grid(self.fastest, self.rings)
 
+    @property
+    def step_std(self) -> float:
+        """Return the step in which sums are stored: the largest possible sum is a whole number."""
+        return min(self.limit / (1.0 - self.fading), _MOST_SUM) / LARGEST
+
     def init(self, shape: tuple[int, ...]) -> BankSums:
         """Return the sums before the first frame of shape (..., rows, cols)."""
-        return BankSums(np.zeros((len(self.velocity), *shape), np.float32), 0)
+        *runs, rows, cols = shape
+        stored = np.zeros((*runs, rows, len(self.velocity), cols), np.int16)
+        return BankSums(stored, self.step_std, 0)
 
     def statistic(
         self, state: BankSums, frame: np.ndarray,
@@ -138,28 +174,27 @@ class VelocityBank(CellDetector):
         number = state.frame + 1
         if number == 1 and not frame.any():
             return state, np.zeros(frame.shape, np.float32)
-        z = np.clip(frame / self.sensor.noise_std, -self.limit, self.limit)
-        plane = np.ascontiguousarray(z, np.float32).reshape(-1, *frame.shape[-2:])
-        before = state.sums.reshape(-1, *plane.shape)
-        sums, best = np.empty_like(before), np.empty_like(plane)
+        z = np.asarray(self.sensor.standardised(np.asarray(frame, np.float32)), np.float32)
+        plane = np.clip(z, -self.limit, self.limit, out=z).reshape(-1, *frame.shape[-2:])
+        before = state.stored.reshape(len(plane), -1, *state.stored.shape[-2:])
+        stored, best = np.empty_like(before), np.empty_like(plane)
         moves = places(self.velocity, number) - places(self.velocity, number - 1)
         scale = (1.0 / self.std(number)).astype(np.float32)
+        step, fading, standing = map(np.float32, (state.step, self.fading, self.standing))
         in_bands(
             lambda first, last: extend_bank(
-                before, plane, moves, scale, np.float32(self.fading), np.float32(self.standing),
-                first, last, sums, best),
+                before, plane, moves, scale, step, fading, standing, first, last, stored, best),
             plane.shape[1], self.regions)
-        np.maximum(best, np.float32(0.0), out=best)
-        best *= best * np.float32(0.5)
-        return BankSums(sums.reshape(state.sums.shape), number), best.reshape(frame.shape)
+        return (replace(state, stored=stored.reshape(state.stored.shape), frame=number),
+                best.reshape(frame.shape))
 
     def std(self, frame: int) -> np.ndarray:
         """Return the standard deviation of D_k for white noise, (V,), in frame number k."""
         oldest = 0 if self.fading == 0.0 else int(np.log(_LEAST_WEIGHT) / np.log(self.fading))
         back = np.arange(min(frame, oldest + 1))
-        here = places(self.velocity, frame)
-        stays = np.array([
-            np.all(places(self.velocity, frame - int(j)) == here, axis=1) for j in back])
+        stays = np.all(
+            places(self.velocity, (frame - back)[:, None, None]) == places(self.velocity, frame),
+            axis=-1)
         # A frame in which the path is where the object would stand counts 1 - g, any other both.
         square = np.where(stays, (1.0 - self.standing)**2, 1.0 + self.standing**2)
         return np.asarray(np.sqrt(np.sum(self.fading**(2 * back)[:, None] * square, axis=0)))

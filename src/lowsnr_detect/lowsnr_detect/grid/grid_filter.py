@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The Bayes-Markov filter on a grid: the arithmetic of one step, forwards and backwards.
 
@@ -11,9 +12,6 @@ from __future__ import annotations
 from lowsnr_detect.grid import grid_kernels
 from lowsnr_detect.grid.grid_kernels import BLOCK
 from lowsnr_detect.parts.bands import in_bands
-from lowsnr_detect.parts.local_estimate import best_cells
-from lowsnr_detect.parts.local_estimate import grid_moments
-from lowsnr_detect.parts.local_estimate import windows
 from lowsnr_detect.parts.moves import MoveModel
 from lowsnr_detect.parts.moves import shifted
 import numpy as np
@@ -71,7 +69,9 @@ def move_and_weigh(
     return after.reshape(belief.shape), inside, mass
 
 
-def expect_belief(model: MoveModel, value: np.ndarray) -> np.ndarray:
+def expect_belief(
+    model: MoveModel, value: np.ndarray, move_factor: np.ndarray | None = None,
+) -> np.ndarray:
     """
     Return the expectation of a value after the move, given history and cell before it.
 
@@ -83,6 +83,8 @@ def expect_belief(model: MoveModel, value: np.ndarray) -> np.ndarray:
         Probabilities of the moves.
     value : (dropped, kept, ..., rows, cols) ndarray
         Value of each history and cell after the move; zero outside the frame.
+    move_factor : (kept, n, rows, cols) ndarray, optional
+        Factor of every move by the cell that it starts in.
 
     Returns
     -------
@@ -96,6 +98,8 @@ def expect_belief(model: MoveModel, value: np.ndarray) -> np.ndarray:
     back = np.stack([
         shifted(by_move[:, number], -move, 0.0) for number, move in enumerate(model.moves)],
         axis=1)
+    if move_factor is not None:
+        back *= over_runs(move_factor, value.ndim - 4)
     expected = model.kernel.swapaxes(1, 2) @ back.reshape(kept, count, -1)
     return np.asarray(expected.swapaxes(0, 1).reshape(value.shape))
 
@@ -119,33 +123,3 @@ def as_plane(value: np.ndarray) -> np.ndarray:
 def total(belief: np.ndarray) -> np.ndarray:
     """Return the sum over histories and cells, (...,)."""
     return np.asarray(belief.sum(axis=(0, 1, -2, -1)))
-
-
-def local_moments(
-    belief: np.ndarray, model: MoveModel, cell_size_m: float,
-) -> tuple[np.ndarray, np.ndarray]:
-    """
-    Return mean and covariance of the state in the best local mode of a belief.
-
-    Parameters
-    ----------
-    belief : (dropped, kept, n, rows, cols) ndarray
-        Probability of each history and cell, not normalised, for n runs.
-    model
-        Mean and covariance of the velocity given each history.
-    cell_size_m
-        Side of a cell [m].
-
-    Returns
-    -------
-    (n, 4) ndarray
-        Mean ``[p_x, v_x, p_y, v_y]`` [m, m/s].
-    (n, 4, 4) ndarray
-        Covariance.
-
-    """
-    joint = belief.reshape(model.history.size, *belief.shape[2:])
-    cells = best_cells(joint.sum(axis=0))
-    return grid_moments(
-        windows(joint, np.arange(len(cells)), cells), cells, model.velocity.reshape(-1, 2),
-        model.velocity_cov.reshape(-1, 2, 2), cell_size_m)

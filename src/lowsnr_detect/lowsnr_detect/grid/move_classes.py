@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Transitions between cells: the classes are histories of up to two moves of whole cells.
 

@@ -1,4 +1,5 @@
-"""Loops of the local Bernoulli filters, over the cells of one plane (rows, cols)."""
+# SPDX-License-Identifier: Apache-2.0
+"""Loops over neighbourhoods of the cells of one plane (rows, cols)."""
 
 from __future__ import annotations
 

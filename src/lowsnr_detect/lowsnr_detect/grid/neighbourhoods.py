@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Local Bernoulli filters: every place of a frame is normalised by its surroundings alone.
 
@@ -70,6 +71,12 @@ def posterior(
     kernels.update_objects(owned, cells, occupied, likelihood, least)
     kernels.add_windows(owned, cells, after)
     return np.asarray(after)
+
+
+def window_sums(planes: np.ndarray) -> np.ndarray:
+    """Return the sums of planes (..., rows, cols) over the 9 x 9 cells around every cell."""
+    sums = [kernels.box_sums(plane, _WINDOW) for plane in planes.reshape(-1, *planes.shape[-2:])]
+    return np.reshape(sums, planes.shape)
 
 
 def predicted_objects(

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Transitions of the point-mass filter: points finer than cells, headings, speeds and modes.
 

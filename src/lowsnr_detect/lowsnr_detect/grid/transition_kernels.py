@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Loops of the prediction; as in :mod:`lowsnr_detect.parts.path_kernels`, by rows."""
 
 from __future__ import annotations
@@ -94,3 +95,59 @@ def _add_births(moved: np.ndarray, stays: float, born: float, mass: np.ndarray) 
         value = moved[col] * stays + born
         moved[col] = value
         mass[col] += value
+
+
+@compiled
+def expect(
+    values: np.ndarray, first_group: np.ndarray, step: np.ndarray, first_entry: np.ndarray,
+    source: np.ndarray, prob: np.ndarray, switch: np.ndarray, first: int, last: int,
+    before: np.ndarray,
+) -> None:
+    """
+    Write the expectation of a value after the step, of the rows from ``first`` to ``last``.
+
+    ``values`` and ``before`` are (C, B, rows, cols); a value outside the frame is zero.
+    """
+    count, runs, rows, cols = values.shape
+    mixed = np.empty((count, cols))
+    for run in range(runs):
+        for row in range(first, last):
+            into = before[:, run, row]
+            into[:] = 0.0
+            for kind in range(count):
+                for group in range(first_group[kind], first_group[kind + 1]):
+                    target = row + step[group, 0]
+                    if 0 <= target < rows:
+                        _scatter(
+                            values[kind, run, target], source, prob, first_entry[group],
+                            first_entry[group + 1], step[group, 1], into)
+            if len(switch) > 1:
+                mixed[:] = into
+                _unswitch(mixed, switch, into)
+
+
+@compiled
+def _scatter(
+    here: np.ndarray, source: np.ndarray, prob: np.ndarray, first: int, last: int, step: int,
+    into: np.ndarray,
+) -> None:
+    """Add a row after a step to the rows (C, cols) of the classes before it."""
+    size = len(here) - abs(step)
+    value = here[max(step, 0):]
+    for entry in range(first, last):
+        row, weight = into[source[entry], max(-step, 0):], prob[entry]
+        for col in range(size):
+            row[col] += weight * value[col]
+
+
+@compiled
+def _unswitch(mixed: np.ndarray, switch: np.ndarray, into: np.ndarray) -> None:
+    """Write the expectations (C, cols) before the modes switch, of those after it."""
+    kinds = len(mixed) // len(switch)
+    into[:] = 0.0
+    for kind in range(len(mixed)):
+        mode, rest = divmod(kind, kinds)
+        for after in range(len(switch)):
+            weight, here, row = switch[mode, after], mixed[after * kinds + rest], into[kind]
+            for col in range(len(row)):
+                row[col] += weight * here[col]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Prediction on a grid of states: classes of velocities times points of the frame.
 
@@ -11,6 +12,7 @@ alone.
 from __future__ import annotations
 
 from dataclasses import dataclass
+import functools
 
 from lowsnr_detect.grid import transition_kernels
 from lowsnr_detect.parts.bands import in_bands
@@ -138,3 +140,43 @@ def predict(
             last, after, mass),
         rows, regions)
     return after.reshape(count, *scale.shape), mass.reshape(scale.shape)
+
+
+@functools.lru_cache(maxsize=4)
+def inside(transitions: Transitions, shape: tuple[int, int], regions: int = 1) -> np.ndarray:
+    """Return the probability of a step inside the frame from each class and point, (C, ...)."""
+    found = expect(transitions, np.ones((transitions.count, *shape)), regions)
+    found.flags.writeable = False
+    return found
+
+
+def expect(transitions: Transitions, values: np.ndarray, regions: int = 1) -> np.ndarray:
+    """
+    Return the expectation of a value after a step given the state before it, ``T' values``.
+
+    It is the adjoint of :func:`predict`.
+
+    Parameters
+    ----------
+    transitions
+        Probabilities T.
+    values : (C, ..., rows, cols) ndarray
+        Value of each class and point after the step; zero outside the frame.
+    regions
+        Sub-regions that are processed in parallel.
+
+    Returns
+    -------
+    (C, ..., rows, cols) ndarray
+        Its expectation for each class and point before the step.
+
+    """
+    rows, cols = values.shape[-2:]
+    after = np.ascontiguousarray(values).reshape(transitions.count, -1, rows, cols)
+    before = np.empty_like(after)
+    in_bands(
+        lambda first, last: transition_kernels.expect(
+            after, transitions.first_group, transitions.step, transitions.first_entry,
+            transitions.source, transitions.prob, transitions.switch, first, last, before),
+        rows, regions)
+    return before.reshape(values.shape)

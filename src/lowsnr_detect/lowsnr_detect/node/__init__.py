@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """The one node that runs any detector."""

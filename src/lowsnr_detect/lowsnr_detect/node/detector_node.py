@@ -1,9 +1,13 @@
+# SPDX-License-Identifier: Apache-2.0
 """The detector node: any registered detector between ``image_raw`` and ``detections``."""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import asdict
+from dataclasses import dataclass
+import time
 from typing import Any
 
 from lowsnr_common.core.frame_map import FrameMap
@@ -13,6 +17,7 @@ from lowsnr_common.core.records import Malformed
 from lowsnr_common.core.streams import stream
 from lowsnr_common.ros import messages
 from lowsnr_common.ros import run_records
+from lowsnr_common.ros.bringup_line import LAST_FRAME
 from lowsnr_common.ros.frame_maps import FrameMaps
 from lowsnr_common.ros.managed_node import ManagedNode
 from lowsnr_common.ros.node_main import run
@@ -23,23 +28,41 @@ from lowsnr_common.ros.qos import reliable
 from lowsnr_common.settings.flat_values import changed
 from lowsnr_common.settings.node_settings import DetectionSettings
 from lowsnr_common.settings.node_settings import FrameSettings
+from lowsnr_detect.grid.fixed_lag import lag_of
 from lowsnr_detect.node.live_detector import acts
 from lowsnr_detect.node.live_detector import check_effect
+from lowsnr_detect.node.live_detector import in_image
 from lowsnr_detect.node.live_detector import LiveDetector
 from lowsnr_detect.node.live_detector import warm_up
-from lowsnr_detect.parts.detector import refuse_late_answers
+from lowsnr_detect.parts.detector import Declarations
 from lowsnr_detect.parts.registry import detector_class
 from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.lifecycle import LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 from vision_msgs.msg import Detection2DArray
 
 
+@dataclass
+class OpenFrame:
+    """A frame without an answer yet: its header and map, when it came, whether it is rejected."""
+
+    header: Header
+    where: FrameMap | None
+    arrived_s: float
+    rejected: bool = False
+
+
 class DetectorNode(ManagedNode):
-    """Answer each frame on ``image_raw`` with one array on ``detections``, empty for none."""
+    """
+    Answer each frame on ``image_raw`` with one array on ``detections``, empty for none.
+
+    An answer has the header of the frame that it is about.  With a lag the answer about a frame
+    is published when so many frames more have arrived, or when bring-up says that none will.
+    """
 
     def __init__(self, detector: str, **kwargs: Any) -> None:
         super().__init__(f'{detector}_detector', **kwargs)
@@ -49,7 +72,6 @@ class DetectorNode(ManagedNode):
             declare(self, DetectionSettings, live=True))
         self._work: LiveDetector | None = None
         self.frames = declare(self, FrameSettings)
-        refuse_late_answers(self.live[0])
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Create publishers and subscription; calibrate where the frame size is known."""
@@ -66,6 +88,10 @@ class DetectorNode(ManagedNode):
             self._array: self.settings.consumers, self._odometry: bool(self.settings.consumers)}
         self._maps = FrameMaps(self, self.frames.conditioned, self._answer)
         self._map: FrameMap | None = None
+        self._open: deque[OpenFrame] = deque()
+        self._newest_ns = -1
+        self._last_ns: int | None = None
+        self.bringup.hear(LAST_FRAME, Clock, self._on_last_frame)
         self.listen(
             Image, 'image_raw', self._on_frame, any_reliability(frame_depth(depth, *shape)),
             first=self._maps.input)
@@ -87,12 +113,15 @@ class DetectorNode(ManagedNode):
     def on_set(self) -> None:
         """Put the new settings in force from the next frame on."""
         if self._work:
-            self._work.change(self.live, self.counts['in'] + 1)
+            self._give(self._work.change(self.live, self.counts['in'] + 1))
 
     def facts(self) -> dict[str, str]:
-        """Return the false-alarm probability, asked for and measured, where there is one."""
-        return {f'false_alarm_prob {name}': f'{share:.4g}'
-                for name, share in asdict(self._alarm_rate()).items() if share is not None}
+        """Return the lag, and the false-alarm probability asked for and measured, if any."""
+        lag = lag_of(self.live[0])
+        found = {'lag [frames]': str(lag)} if lag else {}
+        return found | {f'false_alarm_prob {name}': f'{share:.4g}'
+                        for name, share in asdict(self._alarm_rate()).items()
+                        if share is not None}
 
     def report(self) -> None:
         """Publish counts, times and faults; tell bring-up the false-alarm rate."""
@@ -117,22 +146,51 @@ class DetectorNode(ManagedNode):
         header = image.header
         if where is not None:
             header = Header(stamp=header.stamp, frame_id=where.frame_id)
+        self._open.append(OpenFrame(header, where, time.perf_counter()))
+        self._take(image, where)
+        self._newest_ns = messages.stamp_key(header.stamp)
+        self._flush_after_last()
+
+    def _take(self, image: Image, where: FrameMap | None) -> None:
+        """Give a frame to the detector, and publish what it answers."""
         try:
             frame = messages.image_to_frame(image)
             work = self._work_for(frame)
         except Malformed as error:
             self.reject(
                 'image_raw', error.reason, f'{error}; frame rejected, empty array published')
-            self._publish([], header)
+            self._open[-1].rejected = True
+            self._give([])
             return
         if where is not None and any(by := where.moved_since(self._map)):
-            work.move(by)
+            self._give(work.move(by))
         self._map = where
-        found = work.step(frame, self._rng).estimates()
-        if where is not None:
-            cell = self.live[0].sensor.cell_size_m
-            found = [where.in_image(item, cell) for item in found]
-        self._publish(found, header)
+        self._give(work.step(frame, self._rng))
+
+    def _on_last_frame(self, last: Clock) -> None:
+        """Answer the frames that wait for later ones once the last one of the run is here."""
+        self._last_ns = messages.stamp_key(last.clock)
+        self._flush_after_last()
+
+    def _flush_after_last(self) -> None:
+        if self._work and self._last_ns is not None and self._newest_ns >= self._last_ns:
+            self._give(self._work.flush())
+
+    def _give(self, answers: list[Declarations]) -> None:
+        """Publish answers about the oldest open frames, and empty arrays for rejected ones."""
+        self._pass_rejected()
+        for declared in answers:
+            about = self._open.popleft()
+            found = in_image(
+                declared, about.where, self._map, self.live[0].sensor.cell_size_m)
+            if lag_of(self.live[0]):
+                self.health.spent('frame to answer', time.perf_counter() - about.arrived_s)
+            self._publish(found, about.header)
+            self._pass_rejected()
+
+    def _pass_rejected(self) -> None:
+        while self._open and self._open[0].rejected:
+            self._publish([], self._open.popleft().header)
 
     def _work_for(self, frame: np.ndarray) -> LiveDetector:
         """Return the detector, which the first frame starts; Malformed for another size."""

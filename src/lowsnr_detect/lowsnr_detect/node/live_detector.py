@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A detector with its memory, and how its settings change from one frame to the next."""
 
 from __future__ import annotations
@@ -6,15 +7,20 @@ from collections.abc import Callable
 from collections.abc import Iterable
 from dataclasses import replace
 
+from lowsnr_common.core.frame_map import FrameMap
 from lowsnr_common.core.frame_map import overlaps
+from lowsnr_common.core.records import Estimate
 from lowsnr_common.settings.flat_values import flat_values
 from lowsnr_common.settings.node_settings import DetectionSettings
 from lowsnr_detect.adaptive.adaptive_detector import AdaptiveDetector
 from lowsnr_detect.calibration.curve import Curve
+from lowsnr_detect.calibration.empty_frames import Progress
 from lowsnr_detect.calibration.operating_point import at_operating_point
 from lowsnr_detect.calibration.operating_point import curve
 from lowsnr_detect.calibration.operating_point import known_curve
 from lowsnr_detect.calibration.operating_point import logged_progress
+from lowsnr_detect.grid.fixed_lag import flushed
+from lowsnr_detect.grid.fixed_lag import lag_of
 from lowsnr_detect.parts.detector import Declarations
 from lowsnr_detect.parts.detector import Detector
 from lowsnr_detect.parts.moved_memory import moved_memory
@@ -44,11 +50,14 @@ class LiveDetector:
         Rows and columns of a frame.
     log
         Called with a sentence for each event.
+    progress
+        Called with the share of a calibration that is done; by default it is logged.
 
     """
 
     def __init__(
         self, name: str, settings: Settings, shape: tuple[int, int], log: Callable[[str], None],
+        progress: Progress | None = None,
     ) -> None:
         self.name, self.shape, self._log = name, shape, log
         # By detector, without its threshold.
@@ -56,20 +65,43 @@ class LiveDetector:
         detector, operating = settings
         if operating.operating_point == 'matched':
             self._curves[_untuned(detector)] = curve(
-                detector, shape, progress=logged_progress(name, shape, log), warn=log)
+                detector, shape, progress=progress or logged_progress(name, shape, log),
+                warn=log)
         self._detector = self._tuned(settings)
-        self._memory = self._detector.init(shape)
+        self._start()
 
-    def step(self, frame: np.ndarray, rng: np.random.Generator) -> Declarations:
-        """Advance by a frame (rows, cols) and return the declarations in it."""
+    def _start(self) -> None:
+        """Start with an empty memory."""
+        self._memory = self._detector.init(self.shape)
+        self._open = 0  # frames without an answer
+
+    def step(self, frame: np.ndarray, rng: np.random.Generator) -> list[Declarations]:
+        """Advance by a frame (rows, cols); return the answer about the oldest open one, if any."""
         self._memory, declared = self._detector.step(self._memory, frame, rng)
-        return declared
+        self._open += 1
+        if self._open <= lag_of(self._detector):
+            return []
+        self._open -= 1
+        return [declared]
 
-    def move(self, by: tuple[int, int]) -> None:
-        """Move the memory to cells whose first one moved by rows and columns in the scene."""
-        memory, fresh = self._memory, self._detector.init(self.shape)
-        self._memory = fresh if not overlaps(by, self.shape) else moved_memory(
-            memory, fresh, self.shape, by, self._detector.sensor.cell_size_m)
+    def flush(self) -> list[Declarations]:
+        """Return the answers about the frames that have none yet; the memory starts empty."""
+        found = flushed(self._detector, self._memory)
+        self._start()
+        return found
+
+    def move(self, by: tuple[int, int]) -> list[Declarations]:
+        """
+        Move the memory to cells whose first one moved by rows and columns in the scene.
+
+        After a cut it starts empty; return the answers about the frames before, in their cells.
+        """
+        if not overlaps(by, self.shape):
+            return self.flush()
+        self._memory = moved_memory(
+            self._memory, self._detector.init(self.shape), self.shape, by,
+            self._detector.sensor.cell_size_m)
+        return []
 
     def measured(self) -> float | None:
         """Return the share of frames with a false alarm that an adaptive detector measures."""
@@ -108,24 +140,27 @@ class LiveDetector:
                 'options of this run, then set it again')
         self._curves[_untuned(detector)] = found
 
-    def change(self, settings: Settings, number: int) -> None:
+    def change(self, settings: Settings, number: int) -> list[Declarations]:
         """
         Put other settings, which were checked, in force from the frame of a number on.
 
         The memory is kept unless the sensor model changes, because sums of log ratios for one
         intensity have no meaning for another, or thresholds become adaptive or cease to be.
+        Return the answers about the frames before that, where it starts empty.
         """
         detector = self._tuned(settings)
         restarts = (detector.sensor, type(detector)) != (
             self._detector.sensor, type(self._detector))
-        if restarts:
-            self._memory = detector.init(self.shape)
+        before = self.flush() if restarts else []
         self._detector = detector
+        if restarts:
+            self._start()
         held = ', '.join(f'{name} {value:.2f} nat' for name, value in self.thresholds().items())
         self._log(
             f'in force from frame {number} on: {settings[1].operating_point}, {held}, '
             f'design SNR {detector.sensor.snr_db:g} dB, memory '
             + ('starts empty' if restarts else 'kept'))
+        return before
 
     def _tuned(self, settings: Settings) -> Detector | AdaptiveDetector:
         detector, operating = settings
@@ -133,6 +168,29 @@ class LiveDetector:
             return AdaptiveDetector(detector, operating.false_alarm_prob, self.shape)
         found = self._curves.get(_untuned(detector))
         return at_operating_point(self.name, detector, operating, found, self._log)
+
+
+def in_image(
+    declared: Declarations, about: FrameMap | None, newest: FrameMap | None, cell_size_m: float,
+) -> list[Estimate]:
+    """
+    Return declarations as objects in the image of the frame that they are about.
+
+    Parameters
+    ----------
+    declared
+        Declarations in the cells of the newest frame.
+    about, newest
+        Maps of both frames; None without a conditioner.
+    cell_size_m
+        Side of a cell [m].
+
+    """
+    found = declared.estimates()
+    if about is None or newest is None:
+        return found
+    where = replace(about, origin=newest.origin)
+    return [where.in_image(item, cell_size_m) for item in found]
 
 
 def warm_up(detector: Detector) -> None:
@@ -174,11 +232,12 @@ def check_effect(names: Iterable[str], settings: Settings) -> None:
                 f'{name} does nothing while operating_point is {operating.operating_point!r}; set '
                 f'operating_point to {" or ".join(map(repr, _ACTS_AT[name]))} first, or in the '
                 'same call')
-        destination = getattr(detector, 'destination', None)
-        if name == 'sensor.snr_db' and destination and destination.probability:
+        bound = next((group for group in ('destination', 'destinations') if getattr(
+            getattr(detector, group, None), 'probability', None)), '')
+        if name == 'sensor.snr_db' and bound:
             raise ValueError(
-                'sensor.snr_db is read-only where destination.probability is above 0: its '
-                'arrival_frame is counted from the first frame')
+                f'sensor.snr_db is read-only where {bound}.probability is set: the frame of the '
+                'arrival is counted from the first frame')
 
 
 def _untuned(detector: Detector) -> Detector:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sub-regions of a frame, processed in parallel as Section IV-A suggests."""
 
 from __future__ import annotations

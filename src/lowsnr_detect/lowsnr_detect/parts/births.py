@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Births of the particle filters: where an object appears, and with which velocity and mode."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The base of detectors that compare a statistic of every cell with a threshold."""
 
 from __future__ import annotations
@@ -32,6 +33,8 @@ class CellDetector:
 
     feedback: ClassVar[bool] = False
     local: ClassVar[bool] = True
+    # Whether the statistic means nothing where the noise is not white.
+    needs_white_noise: ClassVar[bool] = False
     # Cells on each side of a declaration over which its position is averaged, 0 for none.
     centroid_reach: ClassVar[int] = 0
     # Cells on each side within which a declaration suppresses far weaker ones.
@@ -61,6 +64,11 @@ class CellDetector:
         """Return the cells on each side that a declaration suppresses, blur included."""
         return self.thinning_reach + self.sensor.blur_reach
 
+    @property
+    def peak_reach(self) -> int:
+        """Return the cells on each side within which a local maximum is the largest."""
+        return max(self.suppressed_reach, 1)
+
     @functools.cached_property
     def position_std_m(self) -> float:
         """Return the standard deviation of a position in its cell, per axis [m]: uniform."""
@@ -74,14 +82,6 @@ class CellDetector:
     def members(self) -> tuple[CellDetector, ...]:
         """Return the detectors whose statistics are combined: itself, for all but ``auto``."""
         return (self,)
-
-    def bounded(self, state: Any, threshold: np.ndarray) -> Any:
-        """
-        Return the memory with what depends on a threshold (..., rows, cols) of each cell [nat].
-
-        An adaptive threshold calls it before each frame; a memory without feedback is unchanged.
-        """
-        return state
 
     def init(self, shape: tuple[int, ...]) -> Any:
         """Return the memory before the first frame of shape (..., rows, cols): none."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Positions between the cells: the mean over a vicinity, weighted with the statistic."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Moves on the grid of objects that are bound for a destination.
 

@@ -1,9 +1,11 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The interface of every detector: settings, a memory, and a step from a frame to declarations.
 
 A detector is a frozen dataclass of settings.  ``init(shape)`` makes its memory for frames of
 shape ``(..., rows, cols)``, where leading axes are independent Monte Carlo runs;
-``step(state, frame, rng)`` returns the memory after the frame and the declarations in it.
+``step(state, frame, rng)`` returns the memory after the frame and the declarations in it, or,
+of a detector with a lag (:mod:`lowsnr_detect.grid.fixed_lag`), in the frame so long ago.
 Nothing is hidden, so that a run can be repeated, batched and compared.
 """
 
@@ -17,6 +19,7 @@ from typing import Self
 
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.core.records import Estimate
+from lowsnr_common.core.records import Prediction
 import numpy as np
 
 # Frames over which position errors of recursive detectors are correlated: their integrated
@@ -43,6 +46,8 @@ class Declarations:
         State [m, m/s]; the velocity is NaN where it is not estimated.
     cov : (..., D, 4, 4) ndarray
         Covariance of the state; NaN where the state is NaN.
+    predicted : Prediction or None
+        What was expected before the frame, (..., D), of a detector with local posteriors.
 
     """
 
@@ -50,6 +55,7 @@ class Declarations:
     score: np.ndarray
     state: np.ndarray
     cov: np.ndarray
+    predicted: Prediction | None = None
 
     @property
     def any(self) -> np.ndarray:  # noqa: A003
@@ -64,7 +70,8 @@ class Declarations:
         """
         return [
             Estimate(self.state[n], self.cov[n], float(self.score[n]),
-                     str(n + 1) if np.isfinite(self.state[n]).all() else '')
+                     str(n + 1) if np.isfinite(self.state[n]).all() else '',
+                     None if self.predicted is None else self.predicted[n])
             for n in np.flatnonzero(self.score > 0.0)
         ]
 
@@ -75,6 +82,7 @@ class Detector(Protocol):
 
     ``feedback`` says whether the threshold acts on the memory (a declaration closes a path):
     the test statistic then depends on the threshold, and calibration simulates it at several.
+    It never depends on ``max_detections``, where there is one.
     ``local`` says whether the statistic is a maximum over cells: calibration may then simulate
     a part of a large frame.
     """
@@ -111,11 +119,3 @@ class Detector(Protocol):
     ) -> tuple[Any, Declarations]:
         """Advance by one frame (..., rows, cols); return the new memory and the declarations."""
         ...
-
-
-def refuse_late_answers(detector: Detector) -> None:
-    """Raise ValueError for a detector with a lag: a graph answers each frame before the next."""
-    if lag := getattr(detector, 'lag', 0):
-        raise ValueError(
-            f'{type(detector).__name__}.lag = {lag}, must be 0 in a graph, which answers every '
-            'frame before the next')

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Existence of the object, Section V, and the base of detectors that estimate its posterior.
 
@@ -8,7 +9,6 @@ that moves out of it no longer exists, independently of P_d.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from dataclasses import field
 from dataclasses import replace
@@ -18,10 +18,18 @@ from typing import Self
 
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.core.motion import MotionModes
+from lowsnr_common.core.motion import POS
+from lowsnr_common.core.records import Prediction
 from lowsnr_common.settings.declare import check_settings
 from lowsnr_common.settings.declare import setting
+from lowsnr_detect.decisions.decision import Decision
+from lowsnr_detect.decisions.decision import declared_at
 from lowsnr_detect.parts.detector import CORRELATED_FRAMES
 from lowsnr_detect.parts.detector import Declarations
+from lowsnr_detect.parts.local_estimate import best_cells
+from lowsnr_detect.parts.local_estimate import by_cell
+from lowsnr_detect.parts.local_estimate import no_moments
+from lowsnr_detect.parts.local_estimate import Posterior
 import numpy as np
 import scipy
 
@@ -76,21 +84,21 @@ class Existence:
 
 
 def declare_posterior(
-    log_odds: np.ndarray, threshold: float,
-    moments: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
+    log_odds: np.ndarray, threshold: float, decision: Decision, where: Posterior,
 ) -> Declarations:
     """
-    Declare the one object where the log odds of its existence exceed the threshold.
+    Declare the one object where the statistic of the decision exceeds the threshold.
 
     Parameters
     ----------
     log_odds : (...,) ndarray
         Posterior log odds of existence [nat].
     threshold
-        Log odds above which an object is declared [nat].
-    moments
-        Takes which runs declare, (...,) of bool, and returns the posterior mean (found, 4) and
-        covariance (found, 4, 4) of their objects [m, m/s].
+        Statistic above which an object is declared [nat].
+    decision
+        Whether the statistic is that of existence, or of the best place.
+    where
+        Posterior of the state.
 
     Returns
     -------
@@ -98,14 +106,38 @@ def declare_posterior(
         One slot; the score is the posterior probability of existence.
 
     """
-    found = np.asarray(log_odds > threshold)
+    log_odds = statistic = np.asarray(log_odds)
+    if decision.places:
+        possible = log_odds > -np.inf
+        statistic, place = np.full(log_odds.shape, -np.inf), np.zeros((*log_odds.shape, 2))
+        place[possible], share = decision.best_places(where.mass(possible), where.resolution)
+        statistic[possible] = decision.statistic(log_odds[possible], share)
+    found = np.asarray(statistic > threshold)
     # A score of zero means no declaration, so that a tiny probability is rounded up.
     score = np.where(found, np.maximum(scipy.special.expit(log_odds), np.finfo(float).tiny), 0.0)
-    mean = np.full((*found.shape, 1, 4), np.nan)
-    cov = np.full((*found.shape, 1, 4, 4), np.nan)
-    if found.any():
-        mean[found, 0], cov[found, 0] = moments(found)
-    return Declarations(np.asarray(log_odds), score[..., None], mean, cov)
+    mean, cov = no_moments((*found.shape, 1))
+    if found.any() and decision.places:
+        cells = np.floor(place[found] + 0.5).astype(np.intp)
+        mean[found, 0], cov[found, 0] = declared_at(
+            *where.moments(found, cells), where.cell_size_m * place[found])
+    elif found.any():
+        cells = best_cells(by_cell(where.mass(found), where.resolution))
+        mean[found, 0], cov[found, 0] = where.moments(found, cells)
+    predicted = _predicted(log_odds, found, cells, where) if found.any() else None
+    return Declarations(statistic, score[..., None], mean, cov, predicted)
+
+
+def _predicted(
+    log_odds: np.ndarray, found: np.ndarray, cells: np.ndarray, where: Posterior,
+) -> Prediction | None:
+    """Return what was expected of the objects that are found; None if that is not known."""
+    if where.before is None:
+        return None
+    prob = np.full((*found.shape, 1), np.nan)
+    mean, cov = no_moments(prob.shape)
+    log_ratio, mean[found, 0], cov[found, 0] = where.before(found, cells)
+    prob[found, 0] = scipy.special.expit(log_odds[found] - log_ratio)
+    return Prediction(prob, mean[..., POS], cov[..., POS, :][..., POS])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,8 +150,10 @@ class PosteriorDetector:
     sensor: SensorModel = field(default_factory=SensorModel)
     motion: MotionModes = field(default_factory=MotionModes)
     existence: Existence = field(default_factory=Existence)
+    decision: Decision = field(default_factory=Decision)
     threshold: float = setting(
-        0.0, 'log posterior odds of existence above which an object is declared [nat]', live=True)
+        0.0, 'statistic of the decision above which an object is declared: for existence its log '
+        'posterior odds [nat]', live=True)
 
     def __post_init__(self) -> None:
         check_settings(self)

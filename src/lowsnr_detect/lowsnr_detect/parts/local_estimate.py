@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Where a declared object is: the mean of the best local mode of its posterior.
 
@@ -8,13 +9,56 @@ covariance.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 from lowsnr_common.core.measurement import SensorModel
+from lowsnr_common.core.motion import POS
 from lowsnr_common.core.particles import normalise
 from lowsnr_common.core.particles import weighted_moments
 import numpy as np
 
+# Points per cell and axis in which the weights of particles are summed.
+PARTICLE_RESOLUTION = 4
 # From p_x, p_y, v_x, v_y to the order of a state.
 _ORDER = [0, 2, 1, 3]
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """
+    Where the object of each run is, if there is one.
+
+    Parameters
+    ----------
+    mass
+        Takes which runs, (...,) of bool, and returns the probability of each point of these,
+        (n, R rows, R cols), in proportion.
+    moments
+        Takes these and a cell of each, (n, 2), and returns mean (n, 4) and covariance (n, 4, 4)
+        of the state in the 3 x 3 cells around it [m, m/s].
+    cell_size_m
+        Side of a cell [m].
+    resolution
+        Points R per cell and axis.
+    before
+        Takes the same as ``moments`` and returns what the frame says of these cells, the log
+        of the mean likelihood ratio in them (n,) [nat], with mean and covariance of the state
+        before the frame; None where that is not known.
+
+    """
+
+    mass: Callable[[np.ndarray], np.ndarray]
+    moments: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+    cell_size_m: float
+    resolution: int = 1
+    before: Callable[
+        [np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]] | None = None
+
+
+def no_moments(shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Return means and covariances of nothing."""
+    return np.full((*shape, 4), np.nan), np.full((*shape, 4, 4), np.nan)
 
 
 def best_cells(mass: np.ndarray) -> np.ndarray:
@@ -37,6 +81,15 @@ def best_cells(mass: np.ndarray) -> np.ndarray:
     box = tall[:, :, :-2] + tall[:, :, 1:-1] + tall[:, :, 2:]
     best = box.reshape(len(box), -1).argmax(axis=-1)
     return np.stack(np.divmod(best, mass.shape[2]), axis=-1)
+
+
+def by_cell(mass: np.ndarray, resolution: int) -> np.ndarray:
+    """Return the mass of cells (n, rows, cols), from that of points (n, R rows, R cols)."""
+    if resolution == 1:
+        return mass
+    count, rows, cols = mass.shape
+    cells = (count, rows // resolution, resolution, cols // resolution, resolution)
+    return np.asarray(mass.reshape(cells).sum(axis=(2, 4)))
 
 
 def windows(
@@ -123,11 +176,11 @@ def grid_moments(
     return mean[:, _ORDER], cov[:, _ORDER][:, :, _ORDER]
 
 
-def particle_moments(
+def particle_mass(
     sensor: SensorModel, shape: tuple[int, int], states: np.ndarray, log_weights: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> np.ndarray:
     """
-    Return mean and covariance of the particles in the 3 x 3 cells that hold most weight.
+    Return the weight of the particles in every sixteenth of a cell.
 
     Parameters
     ----------
@@ -142,15 +195,54 @@ def particle_moments(
 
     Returns
     -------
+    (n, R rows, R cols) ndarray
+        Weights, R = ``PARTICLE_RESOLUTION``.
+
+    """
+    log_weights = normalise(log_weights)[0]
+    run, particle = np.nonzero(log_weights > -np.inf)
+    pixel = states[run, particle][:, POS[::-1]] / sensor.cell_size_m + 0.5
+    row, col = np.floor(PARTICLE_RESOLUTION * pixel).astype(np.intp).T
+    mass = np.zeros((len(states), *(PARTICLE_RESOLUTION * size for size in shape)))
+    np.add.at(mass, (run, row, col), np.exp(log_weights[run, particle]))
+    return mass
+
+
+def particle_moments(
+    sensor: SensorModel, states: np.ndarray, log_weights: np.ndarray, middle: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return mean and covariance of the particles in the 3 x 3 cells around some.
+
+    Parameters
+    ----------
+    sensor
+        Cells of a frame.
+    states : (n, N, 4) ndarray
+        Particles of n runs [m, m/s].
+    log_weights : (n, N) ndarray
+        Log weights, not normalised, -inf outside the frame.
+    middle : (n, 2) ndarray of int
+        Row and column of the middle cells.
+
+    Returns
+    -------
     (n, 4) ndarray
         Mean.
     (n, 4, 4) ndarray
         Covariance.
 
     """
-    cells, log_weights = sensor.cells(states), normalise(log_weights)[0]
-    run, particle = np.nonzero(log_weights > -np.inf)
-    mass = np.zeros((len(states), *shape))
-    np.add.at(mass, (run, *cells[run, particle].T), np.exp(log_weights[run, particle]))
-    far = np.any(abs(cells - best_cells(mass)[:, None]) > 1, axis=-1)
+    log_weights = normalise(log_weights)[0]
+    far = np.any(abs(sensor.cells(states) - middle[:, None]) > 1, axis=-1)
     return weighted_moments(states, normalise(np.where(far, -np.inf, log_weights))[0])
+
+
+def particle_posterior(
+    sensor: SensorModel, shape: tuple[int, int], states: np.ndarray, log_weights: np.ndarray,
+) -> Posterior:
+    """Return the posterior that particles (..., N) with log weights represent."""
+    return Posterior(
+        lambda runs: particle_mass(sensor, shape, states[runs], log_weights[runs]),
+        lambda runs, cells: particle_moments(sensor, states[runs], log_weights[runs], cells),
+        sensor.cell_size_m, PARTICLE_RESOLUTION)

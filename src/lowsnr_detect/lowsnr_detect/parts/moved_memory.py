@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The memory of a detector when its cells move over the scene, because the camera did."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Motion on the grid: which cell an object moves to from a frame to the next.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From the cells that cross a threshold to declarations: one for each object."""
 
 from __future__ import annotations

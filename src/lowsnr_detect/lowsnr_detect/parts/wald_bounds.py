@@ -1,8 +1,10 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Both sides of a likelihood ratio test in float32: Wald's bounds, and the log ratio of every cell.
 
 By the sensor model the log-likelihood ratio of a cell, eq. (4), is
-``ln L(z) = (I / sigma^2) z - I^2 / (2 sigma^2)``: linear in the measurement.
+``ln L(z) = (I / sigma^2) z - I^2 / (2 sigma^2)``: linear in the measurement.  With blur, in other
+noise and for an intensity that is not known it is another function of the frame.
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ from __future__ import annotations
 import functools
 import math
 
+from lowsnr_common.core.likelihood import cell_log_ratio
 from lowsnr_common.core.measurement import SensorModel
 import numpy as np
 
@@ -50,12 +53,13 @@ def ratio_terms(
     Returns
     -------
     plane : (B, rows, cols) ndarray
-        The frame; with blur, the log ratio itself.  B is the number of runs.
+        The frame; where the log ratio is not linear, the log ratio itself.  B is the number of
+        runs.
     factor, offset : float32
         ``float32(plane) * factor - offset`` is the log ratio [nat].
 
     """
-    plane = sensor.log_likelihood_ratio(frame) if sensor.blur_m > 0.0 else frame
+    plane = frame if sensor.is_linear else cell_log_ratio(sensor, frame)
     planes = np.ascontiguousarray(plane).reshape(-1, *frame.shape[-2:])
     return planes, *_scale(sensor)
 
@@ -63,7 +67,7 @@ def ratio_terms(
 @functools.lru_cache(maxsize=64)
 def _scale(sensor: SensorModel) -> tuple[np.float32, np.float32]:
     """Return factor and offset of the log-likelihood ratio."""
-    if sensor.blur_m > 0.0:
+    if not sensor.is_linear:
         return np.float32(1.0), np.float32(0.0)
     factor = sensor.intensity / sensor.noise_std**2
     return np.float32(factor), np.float32(factor * sensor.intensity / 2.0)

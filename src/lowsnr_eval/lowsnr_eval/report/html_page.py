@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """HTML pages that hold all that they show: they load no script, style or picture."""
 
 from __future__ import annotations
@@ -6,15 +7,11 @@ import base64
 from collections.abc import Iterable
 from collections.abc import Sequence
 import html
-from importlib.metadata import version
 from importlib.resources import files
-import platform
 from string import Template
-import sys
 
 from lowsnr_common.settings.text import printable_lines
-
-_PACKAGES = ('numpy', 'scipy', 'numba', 'distributed', 'matplotlib')
+from lowsnr_eval.report.software import software
 
 
 def _shown(text: object) -> str:
@@ -36,10 +33,10 @@ def fill(name: str, **values: object) -> Markup:
     return Markup(Template(asset(name)).substitute(values) + '\n')
 
 
-def page(title: str, sections: Iterable[str]) -> Markup:
-    """Return a whole page."""
+def page(title: str, sections: Iterable[str], connects: bool = False) -> Markup:
+    """Return a whole page; only one that ``connects`` may ask its own server for anything."""
     return fill('page.html', title=_shown(title), style=asset('page.css'),
-                body='\n'.join(sections))
+                body='\n'.join(sections), connect="'self'" if connects else "'none'")
 
 
 def section(title: str, *parts: str) -> Markup:
@@ -60,7 +57,8 @@ def picture(svg: str, caption: str) -> Markup:
     """Return a figure of an SVG."""
     data = base64.b64encode(svg.encode()).decode()
     return Markup(
-        f'<figure><img alt="{_shown(caption)}" src="data:image/svg+xml;base64,{data}">'
+        f'<figure class="picture"><img alt="{_shown(caption)}" '
+        f'src="data:image/svg+xml;base64,{data}">'
         f'<figcaption>{_shown(caption)}</figcaption></figure>')
 
 
@@ -76,10 +74,7 @@ def folded(title: str, content: str) -> Markup:
 
 def versions() -> Markup:
     """Return a table of the software that the numbers come from."""
-    return table(('software', 'version'), [
-        ('Python', sys.version.split()[0]),
-        *((name, version(name)) for name in _PACKAGES),
-        ('system', platform.platform(terse=True))])
+    return table(('software', 'version'), software())
 
 
 def _cell(value: object) -> str:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A frame with truth, detections and tracks drawn on it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The files of a study: summary, curves, figures, and the report with its verdict table."""
 
 from __future__ import annotations
@@ -131,26 +132,39 @@ def _report(
         pages.section(
             'What this is', f'{description[:1].upper()}{description[1:]}.',
             f'{done} at {", ".join(f"{snr:g} dB" for snr in study.snrs_db)}, seed '
-            f'{study.options.seed}. Methods beyond the comparisons of the paper take part in '
-            f'the first {study.options.few_runs} runs.'),
-        pages.section("The paper's claims", claims_html(claims), _LEGEND),
+            f'{study.options.seed}.' + (
+                ' Methods beyond the comparisons of the paper take part in the first '
+                f'{study.options.few_runs} runs.'
+                if study.options.few_runs < study.options.runs else '')),
+        *([pages.section("The paper's claims", claims_html(claims), _LEGEND)] if claims else []),
         pages.section('Figures of merit', _points_table(summary), _POINTS_NOTE),
         pages.section('Figures', *pictures),
-        pages.section(
+        *([] if not times else [pages.section(
             'Time', pages.table(('chain', 'detector [ms a frame]', 'tracker [ms a frame]'), [
                 (name, time['detector_ms'], time['tracker_ms']) for name, time in times.items()]),
             'CPU time of one core; it is the only thing here that differs from run to run of '
-            'the same seed.'),
+            'the same seed.')]),
         pages.section('How to run again', pages.preformatted(command), pages.versions(),
                       f'Digest of the code that the numbers come from: {code_digest()}.'),
         pages.section('Settings', *_settings(results), _thresholds(summary))])
 
 
 def _points_table(summary: Mapping[str, Any]) -> Markup:
-    rows = [row | {'pfa_empty': row.get('empty_runs', {}).get('pfa_per_frame')}
-            for row in summary['points']]
+    rows = []
+    for row in summary['points']:
+        empty = row.get('empty_runs', {})
+        shares = {'pd': (row['pd'], row['pd_interval']),
+                  'pfa_per_frame': (row['pfa_per_frame'], row['pfa_interval']),
+                  'pfa_empty': (empty.get('pfa_per_frame'), empty.get('pfa_interval'))}
+        rows.append(row | {key: _share(*share) for key, share in shares.items()})
     return pages.table(
         list(_COLUMNS.values()), [[row[key] for key in _COLUMNS] for row in rows])
+
+
+def _share(value: float | None, interval: Sequence[float] | None) -> str | None:
+    if value is None or interval is None:
+        return None
+    return f'{value:.3f} [{interval[0]:.3f}, {interval[1]:.3f}]'
 
 
 def _settings(results: StudyResults) -> list[Markup]:

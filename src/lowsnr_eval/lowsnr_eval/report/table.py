@@ -1,10 +1,14 @@
+# SPDX-License-Identifier: Apache-2.0
 """The figures of merit of a run in ``summary.json`` as a table of text."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+import json
+from pathlib import Path
 from typing import Any
 
+from lowsnr_bringup.run.results_folder import SUMMARY_FILE
 from lowsnr_common.settings.text import printable
 
 _LEVELS = ('detection', 'tracking')
@@ -15,8 +19,10 @@ _HEADERS = (
 )
 _LEGEND = """
 P_D: share of the objects present that were hit within {gate:g} {cells}.
-P_FA: share of the frames without object that hold any declaration; as an adaptive detector
-measures it: share of its recent frames with a declaration that continues none before.
+P_FA: share of the frames without object that hold any declaration, those after its end
+included, in which detectors that sum over frames still declare it for some frames; as an
+adaptive detector measures it: share of its recent frames with a declaration that continues none
+before.
 false alarms: declarations that hit nothing, in all frames; first hit: after its appearance.
 [ , ]: Wilson 95 % interval; -: no such figure.
 """
@@ -90,13 +96,34 @@ def _note(name: str, figures: Mapping[str, Any]) -> str:
                 f'{figures["detection"]["declared"]} detections and {counts["declared"]} tracks '
                 'were declared')
     detected, alarms = figures['detection_latency_ms']['median'], figures['detection']
+    lag = figures.get('lag_frames', 0)
+    late = f'answers {lag} frames late, ' if lag else ''
     return (
         f'{name}: {seen}\n{name}: P_FA asked {_probability(figures.get("pfa_asked"))}, scored '
         f'{_share(alarms["pfa_per_frame"], alarms["pfa_interval"], 3)}, measured by the detector '
-        f'{_probability(figures.get("pfa_measured"))}\n'
-        f'{name}: frame to detections {_number(detected, 1)} ms (median), to tracks '
+        f'{_probability(figures.get("pfa_measured"))}\n{_false_tracks(name, figures)}'
+        f'{name}: {late}frame to detections {_number(detected, 1)} ms (median), to tracks '
         f'{_number(latency["median"], 1)} ms (median), {_number(latency["p99"], 1)} ms '
         '(99 %)')
+
+
+def false_track_lines(folder: Path) -> list[str]:
+    """Return the line of each chain of a results folder that was asked for a false-track rate."""
+    summary = json.loads((folder / SUMMARY_FILE).read_text('utf-8'))
+    return [_false_tracks(name, figures) for name, figures in summary['detectors'].items()]
+
+
+def _false_tracks(name: str, figures: Mapping[str, Any]) -> str:
+    """Return the line about the rate of false tracks, where one was asked for."""
+    asked, metrics = figures.get('false_tracks_asked'), figures.get('track_metrics')
+    if asked is None or metrics is None:
+        return ''
+    found = metrics.get('false_tracks') or {
+        'per_frame': None, 'per_frame_interval': None, 'tracks': 0, 'frames': 0}
+    return (
+        f'{name}: false tracks a frame asked {asked:.3g}, scored '
+        f'{_share(found["per_frame"], found["per_frame_interval"], 4)}: {found["tracks"]} begin '
+        f'in {found["frames"]} frames without object\n')
 
 
 def _share(value: float | None, interval: list[float] | None, digits: int) -> str:

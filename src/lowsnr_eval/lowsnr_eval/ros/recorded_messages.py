@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The messages of a bag, given to a scorer as the evaluator gives it those of a live run."""
 
 from __future__ import annotations
@@ -14,7 +15,6 @@ from lowsnr_common.ros.frame_maps import info_to_map
 from lowsnr_common.ros.images import image_to_array
 from lowsnr_eval.scoring.recorded_chains import RecordedChains
 from lowsnr_eval.scoring.run_scoring import RunScorer
-from lowsnr_eval.scoring.scene import SceneWriter
 import numpy as np
 
 
@@ -28,18 +28,18 @@ def score_bag(bag: Bag, chains: RecordedChains, scorer: RunScorer) -> None:
         One line, if a message is not of the type that the bag declares.
 
     """
-    pictures = _Pictures(bag, chains, scorer.scene)
+    pictures = _Pictures(chains, scorer)
     states = {f'{own}/odometry': topic for own, topic in chains.names.items()}
     cell_size_m = chains.evaluation.sensor.cell_size_m
     for message in bag.messages({*pictures.topics, *chains.names, *states}):
-        if message.topic in pictures.topics and scorer.scene.full:
+        if message.topic in pictures.images and scorer.scene.full:
             continue
         read = bag.read(message)
         stamp = messages.stamp_key(read.header.stamp)
         # A malformed message is rejected here as in a live run; its frame lacks it.
         with suppress(Malformed):
             if message.topic in pictures.topics:
-                pictures.add(message.topic, stamp, read)
+                pictures.add(message.topic, stamp, read, message.logged_ns / 1e9)
             elif message.topic in states:
                 scorer.add_state(
                     states[message.topic], stamp, messages.odometry_to_estimate(read, 0.0))
@@ -51,25 +51,31 @@ def score_bag(bag: Bag, chains: RecordedChains, scorer: RunScorer) -> None:
                 for item in () if f'{message.topic}/odometry' in bag.topics else entries:
                     scorer.add_state(topic, stamp, item)
         scorer.score()
+    scorer.end_frames()
     scorer.score(float('inf'))
 
 
 class _Pictures:
-    """The frames of a bag, and their conditioned cells with their maps, for a scene."""
+    """The frames of a bag, and their conditioned cells with their maps, for a scorer."""
 
-    def __init__(self, bag: Bag, chains: RecordedChains, scene: SceneWriter) -> None:
-        self._frames_topic, self._scene = chains.frames_topic, scene
+    def __init__(self, chains: RecordedChains, scorer: RunScorer) -> None:
+        self._frames_topic, self._scorer = chains.frames_topic, scorer
         self.topics = {chains.frames_topic, *chains.cells_topics}
+        # Maps are needed to the end of the bag; images until the scene is full.
+        self.images = {topic for topic in self.topics if not topic.endswith('camera_info')}
         self._maps: dict[int, FrameMap] = {}
 
-    def add(self, topic: str, stamp: int, message: Any) -> None:
-        """Add a message of a topic; Malformed for one that cannot be used."""
+    def add(self, topic: str, stamp: int, message: Any, now_s: float) -> None:
+        """Add a message of a topic that arrived at a time [s]; Malformed for an unusable one."""
         if topic == self._frames_topic:
-            self._scene.add_frame(stamp, _pixels(message))
+            self._scorer.add_frame(stamp, _pixels(message), now_s)
         elif topic.endswith('camera_info'):
-            self._maps[stamp] = info_to_map(message)
+            found = info_to_map(message)
+            self._scorer.add_map(stamp, found)
+            if len(self.images) > 1 and not self._scorer.scene.full:
+                self._maps[stamp] = found
         elif where := self._maps.pop(stamp, None):
-            self._scene.add_cells(stamp, image_to_array(message), where)
+            self._scorer.scene.add_cells(stamp, image_to_array(message), where)
 
 
 def _pixels(image: Any) -> np.ndarray:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The overlay and the scene of a viewer, as messages."""
 
 from __future__ import annotations

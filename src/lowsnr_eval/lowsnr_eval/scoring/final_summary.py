@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The summary of a run: computed from its tables when the run has ended, by one author."""
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from lowsnr_eval.scoring.tallies import Tallies
 
 SCHEMA = 1
 # Room for a summary: what all have, and what each chain adds [bytes].
-_SUMMARY_BYTES, _CHAIN_BYTES = 4096, 4096
+_SUMMARY_BYTES, _CHAIN_BYTES = 4096, 8192
 
 
 def summarize(
@@ -35,10 +36,13 @@ def summarize(
     """
     Return what ``summary.json`` holds, from the tables of a run.
 
+    The metrics of tracks, which take longer, are None until
+    :func:`lowsnr_eval.track_metrics.run_metrics.add_track_metrics` adds them.
+
     Parameters
     ----------
     folder
-        Results folder with ``frames.csv`` and ``latency.csv``, which are read line by line: the
+        Results folder with ``frames.csv`` and ``latency.csv``.  They are read line by line: the
         memory that this takes does not grow with the run.
     run, evaluation, seed
         What was scored and how.
@@ -59,10 +63,14 @@ def summarize(
     for times in read_latency(folder / files.LATENCY_FILE, run.detectors):
         tallies.add_latency(times.detector, times.latency_ms, times.detection_ms)
     detectors = tallies.figures()
-    for name, point in zip(run.detectors, run.operating_points):
+    lags = run.lags or (0,) * len(run.detectors)
+    asked = run.false_tracks or (0.0,) * len(run.detectors)
+    for name, point, lag, tracks in zip(run.detectors, run.operating_points, lags, asked):
         rate = account.alarm_rates.get(node_of(name), AlarmRate())
         detectors[name] |= {
-            'operating_point': point, 'pfa_asked': rate.asked, 'pfa_measured': rate.measured}
+            'operating_point': point, 'lag_frames': lag, 'pfa_asked': rate.asked,
+            'pfa_measured': rate.measured, 'false_tracks_asked': tracks or None,
+            'track_metrics': None}
     ledger = account.ledger or FrameLedger(tallies.frames)
     ledger.close(tallies.frames, tallies.last)
     return {

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Joins the messages of each frame by their stamp, whatever the order they arrive in."""
 
 from __future__ import annotations
@@ -79,12 +80,16 @@ class FrameJoin:
         The topic whose array shows that a frame exists.
     done
         Stamp of the last frame that is done already [ns].
+    lag
+        Frames that must come after a frame before the last answer about it does.
 
     """
 
-    def __init__(self, topics: Iterable[str], key: str, done: int = -1) -> None:
+    def __init__(
+        self, topics: Iterable[str], key: str, done: int = -1, lag: int = 0,
+    ) -> None:
         self._topics = tuple(topics)
-        self._key = key
+        self._key, self._lag = key, lag
         self._frames: dict[int, Frame] = {}
         self._unknown: dict[int, None] = {}  # stamps of those whose key array has not arrived
         self._changed: set[int] = set()  # since frames were last taken
@@ -123,9 +128,9 @@ class FrameJoin:
         """
         Remove and return, oldest first, the frames of which nothing more is expected.
 
-        These are the frames whose key array arrived before ``older_than_s`` [s], those up to the
-        newest complete one or to the first whose odometry is still expected, and those that
-        waited when the clock was set back.
+        These are the frames that the last one they waited for followed before ``older_than_s``
+        [s], themselves without a lag; those up to the newest complete one or to the first whose
+        odometry is still expected; and those that waited when the clock was set back.
         """
         taken, self._set_aside = self._set_aside, []
         # Only these can have become complete: with many frames waiting, each message checks one.
@@ -134,7 +139,7 @@ class FrameJoin:
                     if stamp in self._frames and self._is_complete(self._frames[stamp])]
         self._complete = max([self._complete, *complete])
         old = self._arrived_before(older_than_s) if older_than_s > -float('inf') else []
-        too_old = max(old, default=-1)
+        too_old = max(sorted(old)[:max(len(old) - self._lag, 0)], default=-1)
         newest = max(self._complete, too_old)
         if newest <= self._done:
             return taken
@@ -146,9 +151,19 @@ class FrameJoin:
             taken.append(self._frames.pop(stamp))
         return taken
 
-    def expect_no_more(self, topics: Iterable[str], before_s: float) -> None:
-        """Expect no answer of topics to frames whose key array arrived before a time [s]."""
-        known = self._arrived_before(before_s)
+    def end_frames(self) -> None:
+        """Expect no more frames: answers wait for none any more."""
+        self._lag = 0
+
+    def expect_no_more(
+        self, topics: Iterable[str], before_s: float, source: str | None = None,
+    ) -> None:
+        """
+        Expect no answer of topics to frames of which an array arrived before a time [s].
+
+        It is the array of ``source``, which the topics answer; the key array if None.
+        """
+        known = self._arrived_before(before_s, source)
         for topic in topics:
             self._unanswered[topic] = max([self._unanswered[topic], *known])
         self._changed.update(known)
@@ -178,10 +193,10 @@ class FrameJoin:
         self._changed.add(stamp)
         return self._frames[stamp]
 
-    def _arrived_before(self, time_s: float) -> list[int]:
-        """Return the stamps of the frames whose key array arrived before a time [s]."""
+    def _arrived_before(self, time_s: float, topic: str | None = None) -> list[int]:
+        """Return the stamps of the frames whose key or other array arrived before a time [s]."""
         return [stamp for stamp, frame in self._frames.items()
-                if frame.arrived_s.get(self._key, time_s) < time_s]
+                if frame.arrived_s.get(topic or self._key, time_s) < time_s]
 
     def _expects_states(self, frame: Frame) -> bool:
         """Return whether odometry that the arrays of a frame name can still arrive."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scoring of one frame: what each chain declared against the objects that are present."""
 
 from __future__ import annotations

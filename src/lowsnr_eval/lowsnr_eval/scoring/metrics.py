@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Figures of merit of Section VI, as pure functions of distances and counts.
 
@@ -7,11 +8,15 @@ all other figures follow from it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 import math
 
 import numpy as np
 import scipy
+
+# Takes distances and a gate; returns the rows and columns of pairs.
+Matching = Callable[[np.ndarray, float], tuple[np.ndarray, np.ndarray]]
 
 
 def distances(objects: np.ndarray, estimates: np.ndarray) -> np.ndarray:
@@ -59,11 +64,27 @@ def match_within_gate(distance: np.ndarray, gate: float) -> tuple[np.ndarray, np
 
     """
     within = distance <= gate
+    if not within.any():
+        return np.empty(0, dtype=int), np.empty(0, dtype=int)
     # One pair outside the gate costs more than all the pairs that can lie within it.
     outside = gate * (min(distance.shape) + 1) + 1.0
     rows, columns = scipy.optimize.linear_sum_assignment(np.where(within, distance, outside))
     hit = within[rows, columns]
     return rows[hit], columns[hit]
+
+
+def match_nearest(distance: np.ndarray, gate: float) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Pair objects and estimates each of which is the nearest one of the other, within the gate.
+
+    Parameters and results are those of :func:`match_within_gate`.
+    """
+    if not distance.size:
+        return np.empty(0, dtype=int), np.empty(0, dtype=int)
+    nearest = distance.argmin(axis=1)
+    rows = np.arange(len(distance))
+    near = (distance.argmin(axis=0)[nearest] == rows) & (distance[rows, nearest] <= gate)
+    return rows[near], nearest[near]
 
 
 def count_false_alarms(distance: np.ndarray, gate: float) -> int:
@@ -94,12 +115,30 @@ def gospa(distance: np.ndarray, cutoff: float, order: float = 2.0) -> float:
         Metric [m]; 0 where there is neither object nor estimate.
 
     """
+    return float(sum(gospa_parts(distance, cutoff, order)) ** (1.0 / order))
+
+
+def gospa_parts(
+    distance: np.ndarray, cutoff: float, order: float = 2.0,
+) -> tuple[float, float, float]:
+    """
+    Return the parts of ``gospa^p``: of localisation, missed objects and false estimates.
+
+    ``sum d(x, y)^p`` over the assigned pairs nearer than c, and ``c^p / 2`` for each object and
+    for each estimate that is in no such pair; the parameters are those of :func:`gospa`, the
+    unit is [m^p].
+    """
     objects, estimates = distance.shape
+    unit = cutoff**order / 2.0
+    if not distance.size:
+        return 0.0, unit * objects, unit * estimates
     # With alpha = 2 a pair at the cutoff costs as much as one missed and one false.
     cost = np.minimum(distance, cutoff) ** order
-    total = cost[scipy.optimize.linear_sum_assignment(cost)].sum()
-    unpaired = cutoff**order / 2.0 * abs(objects - estimates)
-    return float((total + unpaired) ** (1.0 / order))
+    chosen = scipy.optimize.linear_sum_assignment(cost)
+    near = distance[chosen] < cutoff
+    pairs = int(near.sum())
+    return (
+        float(cost[chosen][near].sum()), unit * (objects - pairs), unit * (estimates - pairs))
 
 
 def wilson_interval(

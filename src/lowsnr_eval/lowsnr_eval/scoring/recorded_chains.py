@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The chains that a bag holds, and how they are scored."""
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ from lowsnr_common.settings.text import one_line
 from lowsnr_eval.scoring.run_scoring import TRUTH
 
 _LEVELS = ('detections', 'tracks')
-_CELLS = {
-    f'{graph.CONDITIONED}camera_info': CAMERA_INFO, f'{graph.CONDITIONED}image_raw': IMAGE}
+_MAPS = f'{graph.CONDITIONED}camera_info'
+_CELLS = {_MAPS: CAMERA_INFO, f'{graph.CONDITIONED}image_raw': IMAGE}
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,8 @@ class RecordedChains:
     What is scored of a bag.
 
     ``names`` maps each topic of the bag to its name in scoring.  The bag may lack the
-    ``frames_topic``.  ``cells_topics`` are those of the conditioned frames and their maps, if any.
+    ``frames_topic``.  ``cells_topics`` are those of the maps of conditioned frames, if any, and of
+    these frames, if the bag has them too.
     """
 
     run: RunSettings
@@ -87,7 +89,12 @@ def find_chains(
         run, evaluation, evaluator.get('seed', 0),
         {own: topic for own, topic in topics.items() if bag.topics.get(own) == ARRAY},
         frames_topic or recorded_frames_topic(bag, told),
-        tuple(_CELLS) if all(bag.topics.get(own) == kind for own, kind in _CELLS.items()) else ())
+        _cells_topics(bag))
+
+
+def _cells_topics(bag: Bag) -> tuple[str, ...]:
+    found = tuple(own for own, kind in _CELLS.items() if bag.topics.get(own) == kind)
+    return found if _MAPS in found else ()
 
 
 def _names(bag: Bag, known: Mapping[str, str]) -> dict[str, str]:
@@ -117,11 +124,14 @@ def _settings(
     names: Mapping[str, str], truth: bool,
 ) -> tuple[RunSettings, Evaluation]:
     node = graph.Node('evaluator', '')
-    points = dict(zip(evaluator.get('detectors', ()), evaluator.get('operating_points', ())))
+    points, lags = (
+        dict(zip(evaluator.get('detectors', ()), evaluator.get(key, ())))
+        for key in ('operating_points', 'lags'))
     values = graph.parameters([node], config)[node.path] | dict(evaluator) | {
         'truth': truth, 'namespaces': len(names) > 1,
         'scenario': one_line(evaluator.get('scenario') or bag.path.resolve().stem),
         'detectors': list(names.values()),
-        'operating_points': [points.get(name, 'unknown') for name in names.values()]}
+        'operating_points': [points.get(name, 'unknown') for name in names.values()],
+        'lags': [lags.get(name, 0) for name in names.values()]}
     label = f'{bag.path}: evaluator'
     return (graph.build(RunSettings, values, label), graph.build(Evaluation, values, label))

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The scene of a run: its frames and what they were answered with, for the report's animation.
 
@@ -18,10 +19,10 @@ from pathlib import Path
 from typing import Any
 
 from lowsnr_common.core.frame_map import FrameMap
-from lowsnr_common.core.motion import POS
-from lowsnr_common.core.records import Estimate
 from lowsnr_common.core.records import Truth
 from lowsnr_eval.scoring.frame_scoring import Answer
+from lowsnr_eval.scoring.scene_marks import marks
+from lowsnr_eval.scoring.scene_marks import track_marks
 import numpy as np
 
 Plane = np.ndarray | None
@@ -31,7 +32,7 @@ PIXELS_FILE = 'frames.f32'
 _MOST_CELLS = 2**17
 # What a page can hold: the first frames of a run up to so many cells or letters.
 _BUDGET = 2**24
-# Frames that are kept until their answers arrive, and answers until their frames do.
+# Frames that wait for their answers, and answers for their frames, where none is late.
 WAITING = 32
 
 
@@ -42,12 +43,18 @@ def reduction(shape: tuple[int, int]) -> int:
 
 def reduced(frame: np.ndarray, step: int) -> np.ndarray:
     """Return the brightest cell of each block of ``step`` x ``step`` cells, NaN if it has none."""
-    blocks = np.full([-(-size // step) for size in frame.shape], np.nan, np.float32)
-    for row, col in np.ndindex(step, step):
-        cells = frame[row::step, col::step]
-        part = blocks[:cells.shape[0], :cells.shape[1]]
-        np.fmax(part, cells, out=part, casting='same_kind')
-    return blocks
+    # Rows first: they lie in one piece, and leave less to do for the columns.
+    return np.asarray(
+        _brightest(_brightest(frame, step).T, step).T.astype(np.float32, casting='same_kind'))
+
+
+def _brightest(plane: np.ndarray, step: int) -> np.ndarray:
+    """Return the largest of each ``step`` rows."""
+    most = plane[::step].copy()
+    for start in range(1, step):
+        rows = plane[start::step]
+        np.fmax(most[:len(rows)], rows, out=most[:len(rows)])
+    return most
 
 
 class SceneWriter:
@@ -69,13 +76,16 @@ class SceneWriter:
         Whether to continue the files of an earlier process.
     conditioned
         Whether frames have conditioned cells.
+    most_waiting
+        Frames that are kept until their answers arrive, and answers until their frames do.
 
     """
 
     def __init__(
         self, folder: Path, cell_size_m: float, resumed: bool = False, conditioned: bool = False,
+        most_waiting: int = WAITING,
     ) -> None:
-        self._cell_size_m = cell_size_m
+        self._cell_size_m, self._most_waiting = cell_size_m, most_waiting
         self._letters, self._numbers = _cut_to_whole(folder) if resumed else (0, 0)
         self._frames: dict[int, tuple[int, np.ndarray]] = {}
         self._cells: dict[int, tuple[dict[str, Any], np.ndarray]] = {}
@@ -109,23 +119,24 @@ class SceneWriter:
     def _keep(self, kept: dict[int, Any], stamp: int, item: Any) -> None:
         """Keep a frame, or cells, until the answers arrive."""
         kept[stamp] = item
-        if len(kept) > WAITING:
+        if len(kept) > self._most_waiting:
             del kept[min(kept)]
-        self._write(WAITING)
+        self._write(self._most_waiting)
 
     def add_answers(
-        self, number: int, stamp: int, truth: Sequence[Truth], answers: Mapping[str, Answer],
+        self, number: int, stamp: int, truth: Sequence[Truth] | None,
+        answers: Mapping[str, Answer],
     ) -> None:
-        """Add the truth and the answers of the frame with a stamp [ns]."""
+        """Add the truth, None if unknown, and the answers of the frame with a stamp [ns]."""
         if self.full:
             return
         self._answers.append((stamp, {
-            'frame': number, 'truth': self._marks(truth),
+            'frame': number, 'truth': marks(truth, self._cell_size_m),
             'chains': {name: {
-                'detections': self._marks(answer.detections or ()),
-                'tracks': self._marks(answer.tracks or ())}
+                'detections': marks(answer.detections, self._cell_size_m),
+                'tracks': track_marks(answer.tracks, self._cell_size_m)}
                 for name, answer in answers.items()}}))
-        self._write(WAITING)
+        self._write(self._most_waiting)
 
     def flush(self) -> None:
         """Write the answers whose frames have not arrived."""
@@ -180,12 +191,6 @@ class SceneWriter:
         for kept in self._awaited:
             kept.clear()
         self._answers.clear()
-
-    def _marks(self, items: Sequence[Truth] | Sequence[Estimate]) -> list[list[Any]]:
-        """Return column, row and id of each item with a position."""
-        marks = [(*(item.state[POS] / self._cell_size_m).tolist(), item.id) for item in items]
-        return [[round(x, 3), round(y, 3), name] for x, y, name in marks
-                if np.isfinite(x) and np.isfinite(y)]
 
 
 def _cut_to_whole(folder: Path) -> tuple[int, int]:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The rows of ``frames.csv`` and ``latency.csv``: scores to lines, and lines back to scores."""
 
 from __future__ import annotations
@@ -99,6 +100,19 @@ def latency(line: bytes) -> Latency:
 def frame_number(line: bytes) -> int:
     """Return the number of the frame with which a line begins, or raise ValueError."""
     return _count(line.partition(b',')[0])
+
+
+def stamp_text(stamp: int) -> str:
+    """Return a stamp [ns] in seconds, to the nanosecond."""
+    return f'{stamp // 1_000_000_000}.{stamp % 1_000_000_000:09d}'
+
+
+def stamp_ns(text: str) -> int:
+    """Return the stamp [ns] that a text of :func:`stamp_text` holds, or raise ValueError."""
+    seconds, _, part = text.partition('.')
+    if len(part) != 9:
+        raise ValueError(text)
+    return _count(seconds) * 1_000_000_000 + _count(part)
 
 
 def _count(text: str | bytes) -> int:

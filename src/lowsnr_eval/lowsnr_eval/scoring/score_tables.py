@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The tables of a run, ``frames.csv`` and ``latency.csv``: written, continued, and read back.
 

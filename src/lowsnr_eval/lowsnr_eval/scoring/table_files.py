@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The files of tables: opened for appending with their header, and read line by line."""
 
 from __future__ import annotations

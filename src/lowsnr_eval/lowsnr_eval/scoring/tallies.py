@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tallies of a run: the sums over its frames for every chain and level, and their figures."""
 
 from __future__ import annotations

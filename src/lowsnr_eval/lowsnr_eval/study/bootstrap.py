@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Confidence intervals of figures over many runs, and of differences of chains on the same runs.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The six examples of Section VI and the paper's claims, as data.
 

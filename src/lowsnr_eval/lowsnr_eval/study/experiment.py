@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Monte Carlo experiments: runs of a scenario through detectors and trackers, without ROS.
 
@@ -13,6 +14,7 @@ from dataclasses import dataclass
 import pickle
 import time
 
+from lowsnr_bringup.plan.empty_tracks import of_run
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.core.streams import stream
@@ -21,12 +23,12 @@ from lowsnr_detect.parts.detector import Declarations
 from lowsnr_eval.study.offline_chain import Chain
 from lowsnr_eval.study.offline_chain import detect
 from lowsnr_eval.study.offline_chain import group_by_statistic
-from lowsnr_eval.study.offline_chain import of_run
 from lowsnr_eval.study.offline_chain import padded
 from lowsnr_eval.study.offline_chain import track
 from lowsnr_eval.study.run_scores import RunScores
 from lowsnr_eval.study.run_scores import score_runs
 from lowsnr_sensor.scenario import Scenario
+from lowsnr_sensor.simulator import fluctuating
 from lowsnr_sensor.simulator import simulate_frames
 from lowsnr_track.pda_mmpf import PdaMmpf
 import numpy as np
@@ -141,8 +143,9 @@ def simulate_run(
         If there is more than one object at a time.
 
     """
-    objects = scenario.truth(
-        sensor.frame_period_s, sensor.cell_size_m, stream(seed, 'truth', run))
+    drawn = stream(seed, 'truth', run)
+    objects = fluctuating(
+        scenario.truth(sensor.frame_period_s, sensor.cell_size_m, drawn), sensor, drawn)
     truth = np.full((len(objects), 4), np.nan)
     for k, present in enumerate(objects):
         if len(present) > 1:

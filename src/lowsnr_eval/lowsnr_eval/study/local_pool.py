@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A pool of processes of this machine, which outlives the death of any of them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 A chain over a batch of runs, without ROS: frames to declarations to tracks.
 
@@ -16,6 +17,7 @@ from typing import cast
 
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.core.streams import stream
+from lowsnr_detect.grid.fixed_lag import answers
 from lowsnr_detect.parts.detector import Declarations
 from lowsnr_detect.parts.detector import Detector
 from lowsnr_track.pda_mmpf import PdaMmpf
@@ -113,8 +115,8 @@ def detect(
     lowest = min(detectors, key=lambda detector: detector.threshold)
     if not _shares_statistic(lowest):
         return [_detect(detector, frames, seed, first_run) for detector in detectors]
-    answers = _detect(lowest, frames, seed, first_run)
-    return [[_above(answer, detector.threshold) for answer in answers] for detector in detectors]
+    all_of = _detect(lowest, frames, seed, first_run)
+    return [[_above(answer, detector.threshold) for answer in all_of] for detector in detectors]
 
 
 def group_by_statistic(chains: Sequence[Chain]) -> list[list[Chain]]:
@@ -151,18 +153,11 @@ def track(
         Confirmed tracks of every frame.
 
     """
-    memory, answers = tracker.init(), []
+    memory, confirmed = tracker.init(), []
     for k, found in enumerate(detections, start=1):
         memory, output = tracker.step(memory, found, k * period_s, rng)
-        answers.append(output.confirmed)
-    return answers
-
-
-def of_run(declared: Declarations, run: int) -> list[Estimate]:
-    """Return the declarations of one run of a batch."""
-    return Declarations(
-        declared.peak[run], declared.score[run], declared.state[run], declared.cov[run],
-    ).estimates()
+        confirmed.append(output.confirmed)
+    return confirmed
 
 
 def padded(tracks: Sequence[Sequence[Sequence[Estimate]]], frames: int) -> np.ndarray:
@@ -186,11 +181,7 @@ def _detect(
 ) -> list[Declarations]:
     streams = [stream(seed, 'detector', first_run + run) for run in range(len(frames))]
     rng = cast(np.random.Generator, RunStreams(streams))
-    memory, answers = detector.init(frames[:, 0].shape), []
-    for k in range(frames.shape[1]):
-        memory, declared = detector.step(memory, frames[:, k], rng)
-        answers.append(declared)
-    return answers
+    return list(answers(detector, frames.swapaxes(0, 1), rng))
 
 
 def _above(declared: Declarations, threshold: float) -> Declarations:
@@ -198,4 +189,4 @@ def _above(declared: Declarations, threshold: float) -> Declarations:
     return Declarations(
         declared.peak, np.where(found[:, None], declared.score, 0.0),
         np.where(found[:, None, None], declared.state, np.nan),
-        np.where(found[:, None, None, None], declared.cov, np.nan))
+        np.where(found[:, None, None, None], declared.cov, np.nan), declared.predicted)

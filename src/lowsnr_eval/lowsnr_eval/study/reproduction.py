@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Run studies on workers: calibrate, run the missing blocks, and keep each finished block."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Scores of many runs with at most one object, as in the paper, and figures of merit of them.
 

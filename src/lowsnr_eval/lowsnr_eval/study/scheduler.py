@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The workers of an existing dask scheduler; only a run with ``--scheduler`` imports this."""
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ from lowsnr_eval.study.study_identity import code_digest
 from lowsnr_eval.study.workers import TlsFiles
 from lowsnr_eval.study.workers import Workers
 
+# Longest wait for the first task, for which a worker may import from a slow file system [s].
+_IMPORT_S = 120.0
 _TIMEOUT_S = 10.0
 # These have no types.
 _CLIENT: Any = distributed.Client
@@ -125,9 +128,13 @@ def _check_code(client: Any, address: str) -> None:
     """Refuse workers that would give other numbers, or none."""
     try:
         # A task passes through the scheduler, which must be able to import the packages too.
-        client.submit(code_digest, pure=False).result(timeout=_TIMEOUT_S)
+        client.submit(code_digest, pure=False).result(timeout=_IMPORT_S)
         found = set(client.run(code_digest).values())
-    except (RuntimeError, ImportError, TimeoutError):
+    except TimeoutError:
+        raise ValueError(
+            f'scheduler {address}: no worker has imported the code within {_IMPORT_S:g} s: look '
+            'at the log of a worker') from None
+    except (RuntimeError, ImportError):
         found = set()
     if found != {code_digest()}:
         raise ValueError(

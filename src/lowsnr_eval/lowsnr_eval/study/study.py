@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 A study: an example of Section VI as cases, methods, chains and blocks of runs.
 

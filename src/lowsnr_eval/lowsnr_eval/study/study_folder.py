@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The results folder of a study: its identity, and the blocks of runs that are finished."""
 
 from __future__ import annotations

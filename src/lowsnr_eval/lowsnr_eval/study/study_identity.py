@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The identity of a study: every value and all code that its numbers follow from.
 

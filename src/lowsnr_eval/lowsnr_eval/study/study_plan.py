@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 From what a user asks for to a study, all checked before anything runs.
 
@@ -98,6 +99,10 @@ def _method(
         overrides=_overrides(example, variant)), config_folder)
     (node, detector), = plan.detectors.items()
     tracker = graph.build(PdaMmpf, plan.parameters['/tracker'], 'tracker')
+    if tracker.life.false_tracks:
+        raise ValueError(
+            f'tracker.yaml: life.false_tracks = {tracker.life.false_tracks:g}: a study takes '
+            'life.confirm_probability; set life.false_tracks to 0')
     prob = plan.parameters[node].get('false_alarm_prob', DetectionSettings.false_alarm_prob)
     return Method(variant.label, detector, tracker, prob, options.few_runs)
 

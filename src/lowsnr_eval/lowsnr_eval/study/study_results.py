@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The results of a study: the scores of every chain over all its runs, and tables of them."""
 
 from __future__ import annotations
@@ -123,23 +124,37 @@ def cost_rows(results: StudyResults) -> list[dict[str, Any]]:
 
 def roc(
     results: StudyResults, snr_db: float, label: str, points: Sequence[str] = ROC_POINTS,
-) -> list[tuple[float, float]]:
-    """Return P_FA per empty frame and P_D of detections, at some operating points."""
+) -> list[tuple[float, ...]]:
+    """
+    Return P_FA per empty frame and P_D of detections, each with its interval.
+
+    Returns
+    -------
+    list of tuple of float
+        P_FA, its lower and upper bound, P_D, its lower and upper bound, at each of some operating
+        points.
+
+    """
     found, quiet = results.of(OBJECT, snr_db), results.of(EMPTY, snr_db)
     keys = [(label, point, 'detection') for point in points]
-    return [
-        (float(np.mean(quiet[key].declared > 0)),
-         float(np.mean(found[key].hit[found[key].present])))
-        for key in keys if key in found and key in quiet]
+    curve = []
+    for key in keys:
+        if key in found and key in quiet:
+            empty, merit = figures_of_merit(quiet[key]), figures_of_merit(found[key])
+            curve.append((
+                empty['pfa_per_frame'], *empty['pfa_interval'],
+                merit['pd'], *merit['pd_interval']))
+    return curve
 
 
-def snr_curve(results: StudyResults, label: str, point: str) -> list[tuple[float, float]]:
-    """Return SNR and P_D of detections, at the SNRs of the study and those beyond."""
+def snr_curve(results: StudyResults, label: str, point: str) -> list[tuple[float, ...]]:
+    """Return SNR, P_D of detections and its bounds, at the SNRs of the study and those beyond."""
     key, curve = (label, point, 'detection'), []
     for case in results.study.cases:
         scores = results.of(case.kind, case.snr_db)
         if case.kind in (OBJECT, SWEEP) and key in scores:
-            curve.append((case.snr_db, float(np.mean(scores[key].hit[scores[key].present]))))
+            merit = figures_of_merit(scores[key])
+            curve.append((case.snr_db, merit['pd'], *merit['pd_interval']))
     return sorted(curve)
 
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Verdicts on the paper's claims, from paired runs, at every operating point."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Workers that run the tasks of a study: local processes, or those of a dask scheduler.
 

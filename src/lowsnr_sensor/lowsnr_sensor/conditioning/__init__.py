@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """From the frames of a real camera to what detectors expect."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Compiled loops over cells, in float32; C-contiguous planes of (rows, cols).
 
@@ -22,7 +23,7 @@ def filter_pixels(
     """Write the cells of the matched filter."""
     rows, cols = values.shape
     left = max(-col_start, 0)
-    size = left + abs(col_start) + max(cols, stride * cells.shape[1]) + len(col_weights)
+    size = left + abs(col_start) + max(cols, stride * cells.shape[1]) + len(col_weights) + stride
     line = np.empty(size, dtype=np.float32)
     for cell in range(cells.shape[0]):
         first = row_start + stride * cell
@@ -42,15 +43,17 @@ def _gather(
 ) -> None:
     """Write the weighted sums of a row; ``line`` has zeros beyond its pixels."""
     cells[:] = _ZERO
+    # The pixels of each phase lie beside each other, for vector instructions.
+    size = len(cells) + (len(weights) - 1) // stride
+    phases = np.empty((stride, size), dtype=np.float32)
+    for phase in range(stride):
+        for place in range(size):
+            phases[phase, place] = line[start + phase + stride * place]
     for tap in range(len(weights)):
-        weight = weights[tap]
-        if stride == 1:
-            source = line[start + tap:start + tap + len(cells)]
-            for cell in range(len(cells)):
-                cells[cell] += weight * source[cell]
-        else:
-            for cell in range(len(cells)):
-                cells[cell] += weight * line[start + tap + 2 * cell]
+        weight, first = weights[tap], tap // stride
+        source = phases[tap % stride, first:first + len(cells)]
+        for cell in range(len(cells)):
+            cells[cell] += weight * source[cell]
     for cell in range(len(cells)):
         cells[cell] *= scale[cell]
 
@@ -113,10 +116,9 @@ def _running(sums: np.ndarray, reach: int, wide: np.ndarray) -> None:
     for col in range(min(reach, cols)):
         total += sums[col]
     for col in range(cols):
-        if col + reach < cols:
-            total += sums[col + reach]
-        if col - reach - 1 >= 0:
-            total -= sums[col - reach - 1]
+        comes = sums[col + reach] if col + reach < cols else _ZERO
+        leaves = sums[col - reach - 1] if col - reach - 1 >= 0 else _ZERO
+        total += np.float64(comes) - np.float64(leaves)
         wide[col] = total
 
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 From deviations of pixels to cells: a matched filter, bins, and the noise of the cells.
 
@@ -6,6 +7,7 @@ This is the definition in NumPy; :mod:`lowsnr_sensor.conditioning.kernels` holds
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import NamedTuple
 
@@ -48,6 +50,7 @@ class Taps(NamedTuple):
     scale: np.ndarray
 
 
+@functools.lru_cache(maxsize=16)
 def taps(size: int, cells: int, binning: int, width: float, shift: float) -> Taps:
     """
     Return the matched filter along an axis of ``size`` pixels, for ``cells`` cells.

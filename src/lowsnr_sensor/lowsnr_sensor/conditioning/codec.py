@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Compressed video: how it is recognised, and what is known of pixels that the codec copies.
 

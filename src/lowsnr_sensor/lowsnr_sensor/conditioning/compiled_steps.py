@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The steps that pixels, cells and frame_change define, computed by the compiled loops."""
 
 from __future__ import annotations
@@ -44,6 +45,13 @@ def block_sums(planes: Planes, local: np.ndarray) -> tuple[np.ndarray, np.ndarra
     most = np.float32(pixels.BLOCK_LIMIT) * local
     pixel_kernels.block_sums(planes.variance, planes.age, 1.0, most, total, count)
     return total, count
+
+
+def surroundings(total: np.ndarray, count: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """Compute :func:`lowsnr_sensor.conditioning.pixels.surroundings`."""
+    mean = np.empty_like(before)
+    pixel_kernels.surroundings(total, count, before, mean)
+    return mean
 
 
 def filtered(values: np.ndarray, rows: cells.Taps, cols: cells.Taps) -> np.ndarray:

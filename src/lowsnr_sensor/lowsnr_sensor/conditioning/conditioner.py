@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Conditioning: from real frames to white noise of standard deviation one, plus objects.
 
@@ -34,7 +35,6 @@ from lowsnr_sensor.conditioning.pixels import blocks_of
 from lowsnr_sensor.conditioning.pixels import Limits
 from lowsnr_sensor.conditioning.pixels import Planes
 from lowsnr_sensor.conditioning.pixels import some
-from lowsnr_sensor.conditioning.pixels import surroundings
 from lowsnr_sensor.conditioning.pixels import UNOBSERVED
 from lowsnr_sensor.conditioning.scene import follow
 from lowsnr_sensor.conditioning.scene import from_image
@@ -216,7 +216,7 @@ class ConditioningSettings:
         if state.codec > CODED:
             after = settled(after, values, state.copies)
         planes = from_image(state, before, after, change)
-        local = surroundings(*steps.block_sums(planes, state.local), state.local)
+        local = steps.surroundings(*steps.block_sums(planes, state.local), state.local)
         return replace(
             state, planes=planes, local=local, previous=values, activity=activity,
             frames=state.frames + 1, rejected=0), deviations

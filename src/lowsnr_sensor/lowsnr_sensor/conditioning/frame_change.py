@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What changes in a frame as a whole: its level, gain, noise and stripes, and its encoding."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where a frame lies in the scene, and what changed in it as a whole."""
 
 from __future__ import annotations
@@ -103,8 +104,10 @@ def without_content(state: ConditionerState, frame: np.ndarray, values: np.ndarr
 
 
 def _spread(values: np.ndarray) -> float:
-    low, high = np.percentile(some(values), (5.0, 95.0))
-    return float(high - low)
+    """Return the distance of the 5 % and the 95 % quantile."""
+    few, tail = some(values), len(some(values)) // 20
+    ranked = np.partition(few, (tail, -1 - tail))
+    return float(ranked[-1 - tail] - ranked[tail])
 
 
 def fit_frame(

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Compiled loops over the pixels of the image, in float32; C-contiguous planes of (rows, cols).
 
@@ -140,8 +141,42 @@ def block_sums(
                 numbers[col] += _ONE if flag[col] > above else _ZERO
         for other in range(total.shape[1]):
             left, right = 4 * other, min(4 * other + 4, cols)
-            total[block, other] = _ZERO
-            count[block, other] = _ZERO
+            summed, known_ones = _ZERO, _ZERO
             for col in range(left, right):
-                total[block, other] += sums[col]
-                count[block, other] += numbers[col]
+                summed += sums[col]
+                known_ones += numbers[col]
+            total[block, other] = summed
+            count[block, other] = known_ones
+
+
+@compiled
+def surroundings(
+    total: np.ndarray, count: np.ndarray, before: np.ndarray, mean: np.ndarray,
+) -> None:
+    """Write the mean of the 3 x 3 blocks around each, or ``before`` where nothing is known."""
+    rows, cols = total.shape
+    sums, numbers = np.empty(cols, dtype=np.float32), np.empty(cols, dtype=np.float32)
+    none = np.zeros(cols, dtype=np.float32)
+    for row in range(rows):
+        _three(total, row, none, sums)
+        _three(count, row, none, numbers)
+        for col in range(cols):
+            known = numbers[col] > _ZERO
+            mean[row, col] = sums[col] / numbers[col] if known else before[row, col]
+
+
+@compiled
+def _three(plane: np.ndarray, row: int, none: np.ndarray, sums: np.ndarray) -> None:
+    """Write the sums of the 3 x 3 values around those of a row."""
+    rows, cols = plane.shape
+    here = plane[row]
+    above = plane[row - 1] if row > 0 else none
+    below = plane[row + 1] if row + 1 < rows else none
+    column = np.empty(cols, dtype=np.float32)
+    for col in range(cols):
+        column[col] = here[col] + above[col] + below[col]
+    sums[:] = column
+    for col in range(1, cols):
+        sums[col] += column[col - 1]
+    for col in range(cols - 1):
+        sums[col] += column[col + 1]

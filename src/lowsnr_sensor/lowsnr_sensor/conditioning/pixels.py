@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 The recursion of a pixel: level, variance, and the deviation of a frame in units of the noise.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Registration: where the camera looks, as a translation between scene and image.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The planes of the scene seen from the image, and back."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """
 Compiled loops between scene and image, in float32; C-contiguous planes of (rows, cols).
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the conditioner carries from frame to frame, and what it returns for each."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Cells in units of their noise, which is estimated from frame to frame."""
 
 from __future__ import annotations
@@ -5,7 +6,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 from lowsnr_sensor.conditioning import compiled_steps as steps
-from lowsnr_sensor.conditioning.pixels import surroundings
 from lowsnr_sensor.conditioning.state import ConditionerState
 import numpy as np
 
@@ -38,7 +38,7 @@ def whitened(
         return state, cells
     frames = state.cell_frames + 1
     share = np.float32(1.0 / min(frames, most))
-    now = surroundings(total, count, state.cell_variance)
+    now = steps.surroundings(total, count, state.cell_variance)
     variance = np.maximum(
         state.cell_variance + share * (now - state.cell_variance),
         np.float32(_LEAST_CELL_VARIANCE))

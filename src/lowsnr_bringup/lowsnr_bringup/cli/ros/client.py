@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The node of a ``ros2`` command: what it discovers, and the services that it calls."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ros2 lifecycle``: the states of managed nodes, and their transitions."""
 
 from __future__ import annotations

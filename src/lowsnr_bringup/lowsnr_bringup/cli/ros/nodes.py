@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ros2 node``: which nodes there are, and what each publishes, reads and serves."""
 
 from __future__ import annotations

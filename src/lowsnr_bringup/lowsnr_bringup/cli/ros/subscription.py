@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What comes on a topic: its messages as text, their rate, and their delay."""
 
 from __future__ import annotations

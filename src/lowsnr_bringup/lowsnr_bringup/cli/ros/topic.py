@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """``ros2 topic``: which topics there are, what comes on them, how often and how late."""
 
 from __future__ import annotations

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Smoothed paths of the tracks of a run, from its tables."""
