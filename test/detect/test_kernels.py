@@ -7,6 +7,7 @@ import tracemalloc
 from lowsnr_common.core import compiled
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.core.motion import MotionModes
+from lowsnr_common.settings.node_settings import DetectionSettings
 from lowsnr_detect.detectors.bernoulli import Bernoulli
 from lowsnr_detect.detectors.cusum import CUSUM
 from lowsnr_detect.detectors.cusum import page_recursion
@@ -16,7 +17,9 @@ from lowsnr_detect.detectors.pmf import PMF
 from lowsnr_detect.detectors.sdt import SDT
 from lowsnr_detect.detectors.sdt import sequential_test
 from lowsnr_detect.grid.grid_filter import move_and_weigh
-from lowsnr_detect.node.live_detector import warm_up
+from lowsnr_detect.node.live_detector import LiveDetector
+from lowsnr_detect.node.warm_up import warm_up
+from lowsnr_detect.parts.cell_detector import CellDetector
 from lowsnr_detect.parts.moves import best_vicinity
 from lowsnr_detect.parts.moves import move_model
 from lowsnr_detect.parts.moves import shifted
@@ -159,18 +162,20 @@ def test_bound_beyond_float32_is_never_exceeded(bound):
     assert np.float32(-3e38) > floor32(-bound)
 
 
-@pytest.mark.parametrize('name', sorted(DETECTORS))
 @pytest.mark.parametrize('kind', [np.float32, np.float64])
-def test_nothing_is_compiled_after_the_warm_up(rng, name, kind, monkeypatch):
+@pytest.mark.parametrize(('name', 'point'), [
+    (name, point) for name in sorted(DETECTORS) for point in ('manual', 'adaptive')
+    if point == 'manual' or issubclass(detector_class(name), CellDetector)])
+def test_nothing_is_compiled_after_the_warm_up(rng, name, kind, point):
     few = {'particles': 100, 'birth_particles': 50}
     cls = detector_class(name)
     detector = cls(threshold=1.0, **{k: v for k, v in few.items() if hasattr(cls, k)})
-    warm_up(detector)
+    settings = detector, DetectionSettings(operating_point=point)
+    warm_up(*settings)
     before = compiled.variants()
-    state = detector.init((23, 17))
-    for _ in range(5):
-        frame = (rng.standard_normal((23, 17)) + 0.4).astype(kind)
-        state, _ = detector.step(state, frame, rng)
+    work = LiveDetector(name, settings, (23, 57), lambda _: None)
+    for _ in range(60):
+        work.step((rng.standard_normal((23, 57)) + 0.4).astype(kind), rng)
     assert compiled.variants() == before
 
 
@@ -179,7 +184,7 @@ def test_nothing_is_compiled_after_the_warm_up(rng, name, kind, monkeypatch):
     (HMM(order=1), 9, 8), (Bernoulli(threshold=10.0), 11, 8)])
 def test_detector_holds_at_most_three_times_its_planes(rng, detector, planes, size):
     frames = rng.standard_normal((3, 200, 200))
-    warm_up(detector)
+    warm_up(detector, DetectionSettings(operating_point='manual'))
     tracemalloc.start()
     state = detector.init(frames.shape[1:])
     for frame in frames:

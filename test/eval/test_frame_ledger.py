@@ -44,8 +44,9 @@ def no_file_grows(beyond):
 class Run:
     """A run: its scorer on a disk that may be full, the ledger, and the fate of each frame."""
 
-    def __init__(self, folder):
-        self.table, self.ledger, self.stamp = folder / 'frames.csv', FrameLedger(), 0
+    def __init__(self, folder, camera=False):
+        self.table, self.stamp = folder / 'frames.csv', 0
+        self.camera, self.ledger = camera, FrameLedger(told=not camera)
         self.run = RunSettings(results=str(folder), scenario='s')
         self.published, self.known = [], set()  # known: announced, or in the table by then
         self.late = []  # publications that the ledger has not been told of
@@ -82,8 +83,8 @@ class Run:
         self.tell()
 
     def tell(self):
-        """Tell the ledger of what was published."""
-        for stamp in self.late:
+        """Tell the ledger of what was published; a camera tells nobody."""
+        for stamp in self.late if not self.camera else ():
             self.ledger.publish(stamp)
         self.late.clear()
         self.delayed = False
@@ -150,6 +151,30 @@ def test_every_published_frame_is_accounted_for(events):
     if 'killed unannounced' not in events:  # whose rows may take the numbers of those lost before
         assert (frames['lost'], frames['unseen']) == (lost, unseen)
     assert bool(missing_frames(frames)) != (table == published)
+
+
+@settings(max_examples=150, deadline=None, derandomize=True)
+@given(events=EVENTS)
+def test_every_frame_of_a_camera_that_the_evaluator_wrote_is_accounted_for(events):
+    with tempfile.TemporaryDirectory() as folder:
+        run = Run(Path(folder), camera=True)
+        for event in events:
+            run.happen(event)
+        frames, table = run.end(), run.stamps()
+    assert frames['scored'] + frames['unanswered'] == len(table)
+    assert frames['published'] == len(table) + frames['lost']
+    assert frames['unseen'] == 0
+    if 'killed unannounced' not in events:  # whose rows may take the numbers of those lost before
+        assert frames['lost'] == len(run.known - table)
+    assert bool(missing_frames(frames)) == bool(frames['lost'])
+
+
+def test_frames_of_a_camera_written_while_the_evaluator_ends_count_as_published():
+    ledger = FrameLedger(told=False)
+    for k in range(1, 4):
+        ledger.score(k, k)
+    ledger.close(8, 8)  # five more were written, and none announced
+    assert (ledger.published, ledger.unseen, ledger.lost) == (8, 0, 0)
 
 
 def test_a_count_that_is_wrong_is_named():

@@ -95,11 +95,11 @@ class Manager:
         self._node = self._within.enter_context(bringup_node())
         self.guard = DomainGuard(self._node, (node.path for node in nodes))
         self._restarts = self._node.create_publisher(DiagnosticArray, RESTARTS, reliable(100))
-        self.ledger, self.newest_ns = FrameLedger(), -1
+        self.ledger = FrameLedger(told=any(node.source for node in nodes))
+        self.newest_ns = -1
         self.restarted: Counter[str] = Counter()
         self.alarm_rates: dict[str, AlarmRate] = {}  # the newest, by the name of the node
         self.rejected: Counter[str] = Counter()  # unsound records, by reason
-        self._has_source = any(node.source for node in nodes)
         self._labels = {node.path: node.label for node in nodes}
         self.heard: dict[str, tuple[str, float]] = {}  # process and time of the last sign
         self._active: dict[str, str] = {}  # process by node
@@ -198,8 +198,6 @@ class Manager:
         except Malformed as error:
             self._reject(error, 'the evaluator reported a frame')
             return
-        if not self._has_source:  # of a camera only what the evaluator sees is known
-            self.ledger.publish(scored.stamp_ns)
         self.ledger.score(scored.stamp_ns, scored.frame)
         self.scored = max(self.scored, scored.frame)
         self._detections += sum(chain.detections for chain in scored.chains)

@@ -17,18 +17,22 @@ class FrameLedger:
     - ``lost``: a frame that was announced, but that the table does not hold, because an evaluator
       that was started again numbers on from an earlier one, or because the table ends earlier.
 
-    A frame that an evaluator wrote before it died, without announcing it, is neither: the numbers
+    A frame that an evaluator wrote before it ended, without announcing it, is neither: the numbers
     show that the table holds it.  Memory grows only with the frames that wait for their score.
 
     Parameters
     ----------
     number
         Frames that the table holds already; they count as published.
+    told
+        Whether :meth:`publish` tells of each frame.  Of a camera only what the evaluator writes
+        is known: those frames count as published.
 
     """
 
-    def __init__(self, number: int = 0) -> None:
+    def __init__(self, number: int = 0, told: bool = True) -> None:
         self.published = self._number = number
+        self._told = told
         self.unseen = self.lost = 0
         self._awaited: dict[int, None] = {}  # stamps in the order of publication
         self._early: set[int] = set()  # stamps announced before their publication was known
@@ -56,8 +60,10 @@ class FrameLedger:
             passed += 1
         if stamp in self._awaited:
             del self._awaited[stamp]
-        else:
+        elif self._told:
             self._early.add(stamp)
+        else:
+            self.published += 1
         self._continue_after(number - 1, passed)
         self._number = number
 
@@ -71,6 +77,9 @@ class FrameLedger:
     def _continue_after(self, last: int, passed: int) -> None:
         """Count frames that were passed, where the table holds those up to a number."""
         written = last - self._number
+        if not self._told:  # those that were written and not announced
+            self.published += max(written, 0)
+            passed += max(written, 0)
         self.unseen += passed - max(written, 0)
         self.lost += max(-written, 0)
         self._number = last

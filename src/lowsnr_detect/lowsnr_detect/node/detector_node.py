@@ -33,7 +33,7 @@ from lowsnr_detect.node.live_detector import acts
 from lowsnr_detect.node.live_detector import check_effect
 from lowsnr_detect.node.live_detector import in_image
 from lowsnr_detect.node.live_detector import LiveDetector
-from lowsnr_detect.node.live_detector import warm_up
+from lowsnr_detect.node.warm_up import warm_up
 from lowsnr_detect.parts.detector import Declarations
 from lowsnr_detect.parts.registry import detector_class
 from nav_msgs.msg import Odometry
@@ -75,8 +75,8 @@ class DetectorNode(ManagedNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Create publishers and subscription; calibrate where the frame size is known."""
-        detector, operating = self.live
-        warm_up(detector)
+        operating = self.live[1]
+        warm_up(*self.live)
         shape = (operating.rows, operating.cols)
         self._work = self._start(shape) if all(shape) else None
         self._rng = stream(self.settings.seed, 'detector')

@@ -30,8 +30,6 @@ import numpy as np
 _ACTS_AT = {
     'threshold': ('manual',), 'upper_threshold': ('manual', 'matched'),
     'false_alarm_prob': ('matched', 'adaptive')}
-# What is compiled, or loaded, at its first use depends on the type of a frame, not on its size.
-_WARM_UP_SHAPE, _WARM_UP_FRAMES, _WARM_UP_TYPES = (8, 8), 3, (np.float64, np.float32)
 
 Settings = tuple[Detector, DetectionSettings]
 
@@ -191,14 +189,6 @@ def in_image(
         return found
     where = replace(about, origin=newest.origin)
     return [where.in_image(item, cell_size_m) for item in found]
-
-
-def warm_up(detector: Detector) -> None:
-    """Run a detector on a few small frames, so that its compiled loops are ready."""
-    for kind in _WARM_UP_TYPES:
-        state, rng = detector.init(_WARM_UP_SHAPE), np.random.default_rng(0)
-        for _ in range(_WARM_UP_FRAMES):
-            state, _ = detector.step(state, np.ones(_WARM_UP_SHAPE, dtype=kind), rng)
 
 
 def acts(name: str, operating: DetectionSettings) -> bool:
