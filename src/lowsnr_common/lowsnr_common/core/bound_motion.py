@@ -26,6 +26,7 @@ from dataclasses import fields
 from dataclasses import replace
 import functools
 
+from lowsnr_common.core.destination import Destination
 from lowsnr_common.core.motion import MotionModes
 from lowsnr_common.core.motion import POS
 from lowsnr_common.core.motion import process_noise_cov
@@ -106,6 +107,11 @@ class Destinations:
         if self.densities and not motion.acceleration_density:
             raise ValueError(
                 'motion.acceleration_density = 0.0, must be above 0 where there are destinations')
+
+    def check_only(self, destination: Destination) -> None:
+        """Check that there is no other destination beside these."""
+        if self.densities and destination.probability:
+            raise ValueError('destination and destinations exclude each other: set one of them')
 
     @functools.cached_property
     def densities(self) -> tuple[DestinationDensity, ...]:
