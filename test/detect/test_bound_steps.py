@@ -1,14 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Grid filters whose states have a destination and a frame of arrival, by matrices of all states."""
+"""Grid filters whose states have a destination and a frame of arrival, by matrices."""
 
 from dataclasses import dataclass
 
 from detect import oracles
-from lowsnr_common.core.bound_motion import Bound
 from lowsnr_common.core.bound_motion import Destinations
-from lowsnr_common.core.bound_motion import draw_bound
-from lowsnr_common.core.bound_motion import move_bound
-from lowsnr_common.core.destination import Destination
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.core.motion import MotionModes
 from lowsnr_common.core.motion import POS
@@ -16,7 +12,6 @@ from lowsnr_common.core.motion import VEL
 from lowsnr_detect.detectors.hmm import HMM
 from lowsnr_detect.detectors.pmf import PMF
 from lowsnr_detect.parts.existence import Existence
-from lowsnr_detect.parts.moved_memory import moved_memory
 import numpy as np
 import pytest
 import scipy
@@ -188,8 +183,9 @@ def by_matrices(base, matrices, frames, lag):
     velocity = np.tile(base.velocity.repeat(len(row), axis=0), (len(all_pairs()), 1))
     best = oracles.best_cell(place, weight[:-1], SHAPE)
     near = weight[:-1] * np.all(abs(np.floor(place + 0.5) - best) <= 1, axis=1)
-    return (np.log(weight[:-1].sum() / weight[-1]), SENSOR.cell_size_m * (near @ place) / near.sum(),
-            near @ velocity / near.sum())
+    near /= near.sum()
+    return (np.log(weight[:-1].sum() / weight[-1]), SENSOR.cell_size_m * (near @ place),
+            near @ velocity)
 
 
 @pytest.mark.parametrize('case', CASES)
@@ -205,3 +201,15 @@ def test_posterior_is_that_of_a_filter_by_matrices(rng, case):
             assert found.peak == pytest.approx(log_odds, abs=1e-9)
             assert found.state[0, POS] == pytest.approx(place, abs=1e-9)
             assert found.state[0, VEL] == pytest.approx(velocity, abs=1e-9)
+
+
+@pytest.mark.parametrize('case', CASES)
+def test_runs_of_a_batch_share_the_destinations(rng, case):
+    for lag in (0, 2):
+        detector, frames = build(case, lag=lag), rng.standard_normal((5, 2, 3, *SHAPE))
+        batch = run(detector, frames)
+        for index in np.ndindex(2, 3):
+            own = run(detector, frames[(slice(None), *index)])
+            for one, other in zip(own[lag:], batch[lag:], strict=True):
+                assert one.peak == pytest.approx(other.peak[index], rel=1e-9)
+                assert one.state == pytest.approx(other.state[index], rel=1e-9, abs=1e-9)

@@ -139,7 +139,7 @@ class Bound:
     place: np.ndarray
     arrival: np.ndarray
 
-    def __getitem__(self, index: np.ndarray) -> Bound:
+    def __getitem__(self, index: np.ndarray | slice) -> Bound:
         """Return the destinations that an index along the first axis picks."""
         return Bound(self.place[index], self.arrival[index])
 

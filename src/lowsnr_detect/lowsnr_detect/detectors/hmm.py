@@ -30,7 +30,8 @@ Unless ``decision`` asks for another, the state that is declared is the mean of 
 3 x 3 cells that hold most of it.
 
 Where objects are bound for one of several destinations, x has also the pair of a destination and
-a frame of arrival that an object carries from its birth on (:mod:`lowsnr_detect.grid.bound_steps`).
+a frame of arrival that an object carries from its birth on
+(:mod:`lowsnr_detect.grid.bound_steps`).
 """
 
 from __future__ import annotations
@@ -54,7 +55,6 @@ from lowsnr_detect.grid.move_steps import MoveSteps
 from lowsnr_detect.parts.detector import Declarations
 from lowsnr_detect.parts.existence import declare_posterior
 from lowsnr_detect.parts.existence import PosteriorDetector
-from lowsnr_detect.parts.moves import move_model
 from lowsnr_detect.parts.moves import MoveModel
 from lowsnr_detect.parts.moves import shifted
 from lowsnr_detect.parts.registry import register

@@ -42,7 +42,6 @@ from lowsnr_common.core.bound_motion import Destinations
 from lowsnr_common.core.likelihood import relative_likelihood
 from lowsnr_common.settings.declare import setting
 from lowsnr_detect.grid.bound_steps import folded
-from lowsnr_detect.grid.bound_steps import Pairs
 from lowsnr_detect.grid.bound_steps import pairs
 from lowsnr_detect.grid.bound_steps import StateGrid
 from lowsnr_detect.grid.bound_steps import Tilt

@@ -66,7 +66,6 @@ class Pairs:
         prob = self.prob[:self.ahead(frame)]
         return np.concatenate([[1.0 - prob.sum()], prob])
 
-
     @property
     def count(self) -> int:
         """Return what an object may be bound for: none, or one of the pairs."""

@@ -112,7 +112,8 @@ class MoveSteps:
     def births(self, number: int, shape: tuple[int, ...]) -> np.ndarray:
         """Return b(x) in a frame of a shape, with the axes of the weights of a belief."""
         shares = self.pairs.shares(number)
-        births = birth_belief(self.model, (1, *shape)) * shares.reshape(-1, *[1] * len(shape))
+        uniform = birth_belief(self.model, (1, *shape))
+        births = np.asarray(uniform * shares.reshape(-1, *[1] * len(shape)))
         if not self.destination.is_ahead(number):
             return births
         rows, cols = shape[-2:]
