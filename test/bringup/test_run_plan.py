@@ -159,28 +159,27 @@ def test_settings_that_do_not_fit_each_other_name_the_node_and_the_setting():
     assert '0.99' in line
 
 
+def bound(node, y_m):
+    """Return options that bind the objects of a node for destinations in some rows."""
+    same = {'probability': 0.2, 'x_m': 5.0, 'std_m': 1.0, 'earliest_frame': 20,
+            'latest_frame': 20}
+    lists = {'y_m': y_m} | {name: [value] * len(y_m) for name, value in same.items()}
+    return [f'{node}.destinations.{name}={values}' for name, values in lists.items()]
+
+
 @pytest.mark.parametrize(('options', 'words'), [
     ({'detectors': ['cdt'], 'overrides': ['cdt.lag=3']}, ['cdt.lag', ' hmm_detector']),
     ({'detectors': ['hmm'], 'overrides': ['hmm.lag=21']}, ['lag = 21', '20']),
     ({'detectors': ['hmm'], 'overrides': [
         'hmm.destination.probability=0.5', 'hmm.destination.x_m=20']},
      ['hmm_detector', 'x_m = 20', '20 x 20 cells']),
-    ({'detectors': ['mmtbd2'], 'overrides': [
-        'mmtbd2.destinations.probability=[0.5, 0.2]', 'mmtbd2.destinations.x_m=[5.0, 5.0]',
-        'mmtbd2.destinations.y_m=[5.0, -1.0]', 'mmtbd2.destinations.std_m=[1.0, 1.0]',
-        'mmtbd2.destinations.earliest_frame=[20, 20]',
-        'mmtbd2.destinations.latest_frame=[20, 20]']},
+    ({'detectors': ['mmtbd2'], 'overrides': bound('mmtbd2', y_m=[5.0, -1.0])},
      ['mmtbd2_detector', 'destinations[1]', 'y_m = -1', '20 x 20 cells']),
-    ({'overrides': [
-        'tracker.destinations.probability=[0.5]', 'tracker.destinations.x_m=[5.0]',
-        'tracker.destinations.y_m=[25.0]', 'tracker.destinations.std_m=[1.0]',
-        'tracker.destinations.earliest_frame=[20]', 'tracker.destinations.latest_frame=[20]']},
+    ({'detectors': ['hmm'], 'overrides': bound('hmm', y_m=[25.0])},
+     ['hmm_detector', 'destinations[0]', 'y_m = 25', '20 x 20 cells']),
+    ({'overrides': bound('tracker', y_m=[25.0])},
      ['tracker', 'destinations[0]', 'y_m = 25', '20 x 20 cells']),
-    ({'overrides': [
-        'tracker.destinations.probability=[0.5]', 'tracker.destinations.x_m=[5.0]',
-        'tracker.destinations.y_m=[5.0]', 'tracker.destinations.std_m=[1.0]',
-        'tracker.destinations.earliest_frame=[20]', 'tracker.destinations.latest_frame=[20]',
-        'tracker.motion.acceleration_density=0.0']},
+    ({'overrides': [*bound('tracker', y_m=[5.0]), 'tracker.motion.acceleration_density=0.0']},
      ['tracker', 'acceleration_density = 0', 'destinations']),
     ({'detectors': ['mmtbd2'], 'overrides': ['mmtbd2.destinations.probability=[0.5]']},
      ['mmtbd2_detector', 'x_m', 'probability']),
@@ -188,6 +187,10 @@ def test_settings_that_do_not_fit_each_other_name_the_node_and_the_setting():
         'pmf.lag=20', 'pmf.resolution=8', 'pmf.headings=128', 'pmf.speeds=16',
         'pmf.rows=4096', 'pmf.cols=4096']},
      ['pmf_detector', ' GiB', '4096 x 4096', 'resolution', 'lag']),
+    ({'detectors': ['hmm'], 'overrides': [
+        *bound('hmm', y_m=[5.0]), 'hmm.destinations.earliest_frame=[1]',
+        'hmm.destinations.latest_frame=[4000]', 'hmm.rows=1024', 'hmm.cols=1024']},
+     ['hmm_detector', ' GiB', '1024 x 1024', 'destinations']),
     ({'condition': 'on'}, ['--condition on']),
     ({'replay': Path('bag'), 'loop': True}, ['--loop']),
     ({'record': CONFIG}, [str(CONFIG)]),

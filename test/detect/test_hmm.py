@@ -89,7 +89,7 @@ def test_covariance_is_that_of_the_posterior(rng):
     state = detector.init(SHAPE)
     for frame in frames:
         state, declared = detector.step(state, frame, None)
-    model, belief = move_model(detector.motion, SENSOR, 1), state[-1].given
+    model, belief = move_model(detector.motion, SENSOR, 1), state[-1].given[:, :, 0]
     mass = {(row, col): belief[:, :, max(row - 1, 0):row + 2, max(col - 1, 0):col + 2].sum()
             for row, col in np.ndindex(*SHAPE)}
     best = max(mass, key=mass.get)

@@ -26,6 +26,7 @@ from dataclasses import fields
 from dataclasses import replace
 import functools
 
+from lowsnr_common.core.destination import Destination
 from lowsnr_common.core.motion import MotionModes
 from lowsnr_common.core.motion import POS
 from lowsnr_common.core.motion import process_noise_cov
@@ -107,6 +108,11 @@ class Destinations:
             raise ValueError(
                 'motion.acceleration_density = 0.0, must be above 0 where there are destinations')
 
+    def check_only(self, destination: Destination) -> None:
+        """Check that there is no other destination beside these."""
+        if self.densities and destination.probability:
+            raise ValueError('destination and destinations exclude each other: set one of them')
+
     @functools.cached_property
     def densities(self) -> tuple[DestinationDensity, ...]:
         """Return the density of each destination."""
@@ -133,7 +139,7 @@ class Bound:
     place: np.ndarray
     arrival: np.ndarray
 
-    def __getitem__(self, index: np.ndarray) -> Bound:
+    def __getitem__(self, index: np.ndarray | slice) -> Bound:
         """Return the destinations that an index along the first axis picks."""
         return Bound(self.place[index], self.arrival[index])
 

@@ -28,6 +28,10 @@ object, the ratio ``r_t(x) = beta_t(x) / beta_t(0)`` follows backwards from r_k 
 
 Unless ``decision`` asks for another, the state that is declared is the mean of g within the
 3 x 3 cells that hold most of it.
+
+Where objects are bound for one of several destinations, x has also the pair of a destination and
+a frame of arrival that an object carries from its birth on
+(:mod:`lowsnr_detect.grid.bound_steps`).
 """
 
 from __future__ import annotations
@@ -36,6 +40,7 @@ from dataclasses import dataclass
 from dataclasses import field
 from typing import ClassVar
 
+from lowsnr_common.core.bound_motion import Destinations
 from lowsnr_common.core.destination import Destination
 from lowsnr_common.core.likelihood import relative_likelihood
 from lowsnr_common.settings.declare import setting
@@ -43,17 +48,13 @@ from lowsnr_detect.grid.fixed_lag import FixedLag
 from lowsnr_detect.grid.fixed_lag import LEAST_RATIO
 from lowsnr_detect.grid.grid_filter import as_plane
 from lowsnr_detect.grid.grid_filter import birth_belief
-from lowsnr_detect.grid.grid_filter import expect_belief
-from lowsnr_detect.grid.grid_filter import move_and_weigh
-from lowsnr_detect.grid.grid_filter import over_runs
 from lowsnr_detect.grid.grid_filter import total
 from lowsnr_detect.grid.grid_posterior import GridBelief
-from lowsnr_detect.parts.destination_moves import cell_likelihoods
-from lowsnr_detect.parts.destination_moves import move_likelihoods
+from lowsnr_detect.grid.move_steps import Belief
+from lowsnr_detect.grid.move_steps import MoveSteps
 from lowsnr_detect.parts.detector import Declarations
 from lowsnr_detect.parts.existence import declare_posterior
 from lowsnr_detect.parts.existence import PosteriorDetector
-from lowsnr_detect.parts.moves import move_model
 from lowsnr_detect.parts.moves import MoveModel
 from lowsnr_detect.parts.moves import shifted
 from lowsnr_detect.parts.registry import register
@@ -97,147 +98,87 @@ def forward(
     return np.asarray(likelihood * (as_plane(born) * births + as_plane(stays) * moved))
 
 
-@dataclass(frozen=True)
-class Belief:
-    """
-    The posterior after a frame.
-
-    Parameters
-    ----------
-    weights : (dropped, kept, ..., rows, cols) ndarray
-        a_k, in proportion to g_k, with sum ``mass``.
-    mass : (...,) ndarray
-        Sum of the weights.
-    log_odds : (...,) ndarray
-        Log odds of existence [nat].
-    likelihood : (..., rows, cols) ndarray
-        l_k, divided by its largest value.
-    peak : (...,) ndarray
-        Log of that value [nat].
-    frame
-        Number of the frame, from 1.
-
-    """
-
-    weights: np.ndarray
-    mass: np.ndarray
-    log_odds: np.ndarray
-    likelihood: np.ndarray
-    peak: np.ndarray
-    frame: int
-
-    @property
-    def given(self) -> np.ndarray:
-        """Probability g_k of history and cell given existence, as the weights."""
-        return np.asarray(self.weights / as_plane(self.mass))
-
-
 @register('hmm')
 @dataclass(frozen=True, kw_only=True)
 class HMM(FixedLag, PosteriorDetector):
     """Forward recursion of ``p(cell, last moves, E_k | Z^k)``, with an optional fixed lag."""
 
-    costly: ClassVar[tuple[str, ...]] = ('order', 'motion.max_speed_mps')
+    costly: ClassVar[tuple[str, ...]] = ('order', 'motion.max_speed_mps', 'destinations')
 
     destination: Destination = field(default_factory=Destination)
+    destinations: Destinations = field(default_factory=Destinations)
     order: int = setting(2, 'last moves that the next one depends on', ge=0, le=2)
     regions: int = setting(
         1, 'sub-regions of the frame that are processed in parallel; the result is the same',
         ge=1, le=64)
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.destinations.check_only(self.destination)
+        self.destinations.check_motion(self.motion)
+
+    @property
+    def steps(self) -> MoveSteps:
+        """Return P(x | y) and b(x)."""
+        return MoveSteps(self.motion, self.sensor, self.order, self.destination,
+                         self.destinations, self.regions)
+
     @property
     def state_planes(self) -> int:
-        """Return the number of histories of moves."""
-        return move_model(self.motion, self.sensor, self.order).history.size
+        """Return the number of histories of moves, and of what an object is bound for."""
+        return self.steps.model.history.size * self.steps.pairs.count
+
+    @property
+    def step_arrays(self) -> int:
+        """Return how many arrays of all states a step makes."""
+        return self.steps.pairs.step_arrays
 
     def smoothed(self, beliefs: tuple[Belief, ...]) -> Declarations:
         """Declare the object of the frame of the first belief, given all of them."""
-        model = move_model(self.motion, self.sensor, self.order)
-        log_odds, weights = self._backward(model, beliefs)
-        joint, then = weights.reshape(-1, *weights.shape[2:]), beliefs[0]
+        log_odds, weights = self._backward(beliefs)
+        joint, then = weights.reshape(-1, *weights.shape[3:]), beliefs[0]
+        velocity, cov = (each.reshape(-1, *each.shape[2:]).repeat(weights.shape[2], axis=0)
+                         for each in (self.steps.model.velocity, self.steps.model.velocity_cov))
         where = GridBelief(
-            joint, np.ones(joint.shape[1:]), model.velocity.reshape(-1, 2),
-            model.velocity_cov.reshape(-1, 2, 2), self.sensor.cell_size_m)
+            joint, np.ones(joint.shape[1:]), velocity, cov, self.sensor.cell_size_m)
         return declare_posterior(log_odds, self.threshold, self.decision, where.posterior(
             lambda runs: joint[:, runs].sum(axis=0),
             None if self.lag else then.likelihood, then.peak))
 
     def filtered(self, last: Belief | None, frame: np.ndarray) -> Belief:
         """Make one step of the forward recursion, with l_k divided by its largest value."""
-        model = move_model(self.motion, self.sensor, self.order)
         born, stays, absent = self.existence.predict(last.log_odds if last else None)
         likelihood, peak = relative_likelihood(self.sensor, frame)
-        number = last.frame + 1 if last else 1
         if last is None:
-            weights = self._births(model, number, frame.shape) * (as_plane(born) * likelihood)
-            mass = total(weights)
+            weights = self.steps.births(1, frame.shape) * (as_plane(born) * likelihood)
+            mass = total(weights).sum(axis=0)
         else:
-            weights, inside, mass = self._moved(model, last, likelihood, stays, born)
+            weights, inside, mass = self.steps.forward(last, likelihood, stays, born)
             absent = absent + stays * (1.0 - inside)
         log_odds = np.log(mass) + peak - np.log(absent)
-        return Belief(weights, mass, log_odds, likelihood, peak, number)
+        return Belief(weights, mass, log_odds, likelihood, peak, last.frame + 1 if last else 1,
+                      last.shift if last else (0, 0))
 
-    def _moved(
-        self, model: MoveModel, last: Belief, likelihood: np.ndarray, stays: np.ndarray,
-        born: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return what :func:`forward` does, compiled; with inside_k, and the sum of a_k."""
-        number, scale = last.frame + 1, 1.0 / last.mass
-        if not self.destination.is_ahead(number):
-            weights, inside, mass = move_and_weigh(
-                model, last.weights, likelihood, stays * scale, born, regions=self.regions)
-            return weights, inside * scale, mass
-        rows, cols = likelihood.shape[-2:]
-        factor, mean = move_likelihoods(
-            self.destination, self.motion, self.sensor, self.order, number, (rows, cols))
-        belief = last.given / over_runs(mean, last.weights.ndim - 4)
-        weights, inside, _ = move_and_weigh(
-            model, belief, likelihood, stays, np.zeros_like(born), factor, self.regions)
-        weights += self._births(model, number, likelihood.shape) * (as_plane(born) * likelihood)
-        return weights, inside, total(weights)
-
-    def _births(self, model: MoveModel, number: int, shape: tuple[int, ...]) -> np.ndarray:
-        """Return b(x) in a frame."""
-        births = birth_belief(model, shape)
-        if not self.destination.is_ahead(number):
-            return births
-        rows, cols = shape[-2:]
-        factor = cell_likelihoods(
-            self.destination, self.motion, self.sensor, self.order, number, (rows, cols))
-        return np.asarray(births * over_runs(factor, len(shape) - 2))
-
-    def _backward(
-        self, model: MoveModel, state: tuple[Belief, ...],
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _backward(self, state: tuple[Belief, ...]) -> tuple[np.ndarray, np.ndarray]:
         """Return log odds and g_t r_t, not normalised, of the oldest frame t, given all frames."""
-        then, chain = state[0], self.existence
+        then, chain, steps = state[0], self.existence, self.steps
         if len(state) == 1:
             return then.log_odds, then.weights
         survives, shape = 1.0 - chain.death_prob, then.likelihood.shape
-        inside, gone = np.ones((*model.history.shape, *shape[-2:])), None
-        ratio = np.ones_like(then.weights)
+        ratio, gone = np.ones_like(state[-1].weights), None
         for later in state[:0:-1]:
-            number = later.frame
-            births = self._births(model, number, shape)
-            if gone is None or self.destination.is_ahead(number):
-                gone = over_runs(
-                    1.0 - survives * self._expected(model, number, inside), then.log_odds.ndim)
+            number, shift = later.frame, later.shift
+            if gone is None or steps.vary(number):
+                inside = np.ones((*ratio.shape[:3], *[1] * (len(shape) - 2), *shape[-2:]))
+                gone = 1.0 - survives * steps.expected(number, inside, shift)
             # Numerator and denominator are divided by exp(peak), which could overflow.
             peak = np.maximum(later.peak, 0.0)
             one = np.exp(-peak)
             value = ratio * later.likelihood * as_plane(np.exp(later.peak - peak))
-            present = survives * self._expected(model, number, value) + gone * as_plane(one)
-            absent = (1.0 - chain.birth_prob) * one + chain.birth_prob * total(births * value)
-            ratio = np.maximum(present / as_plane(absent), LEAST_RATIO)
+            present = survives * steps.expected(number, value, shift) + gone * as_plane(one)
+            born = total(steps.births(number, shape) * value).sum(axis=0)
+            absent = (1.0 - chain.birth_prob) * one + chain.birth_prob * born
+            ratio = steps.before(
+                np.maximum(present / as_plane(absent), LEAST_RATIO), number)
         weights = then.given * ratio
-        return then.log_odds + np.log(total(weights)), weights
-
-    def _expected(self, model: MoveModel, number: int, value: np.ndarray) -> np.ndarray:
-        """Return ``sum_y P(y | x) value(y)`` for the moves into a frame."""
-        if not self.destination.is_ahead(number):
-            return expect_belief(model, value)
-        rows, cols = value.shape[-2:]
-        factor, mean = move_likelihoods(
-            self.destination, self.motion, self.sensor, self.order, number, (rows, cols))
-        expected = expect_belief(model, value, factor)
-        return np.asarray(expected / over_runs(mean, value.ndim - 4))
+        return then.log_odds + np.log(total(weights).sum(axis=0)), weights

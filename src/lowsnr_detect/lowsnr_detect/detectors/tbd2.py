@@ -100,8 +100,7 @@ class MMTBD2(PosteriorDetector):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.destinations.densities and self.destination.probability:
-            raise ValueError('destination and destinations exclude each other: set one of them')
+        self.destinations.check_only(self.destination)
         self.destinations.check_motion(self.motion)
 
     def step(

@@ -46,10 +46,15 @@ class FixedLag:
         """Return the number of states in a cell."""
         raise NotImplementedError
 
+    @property
+    def step_arrays(self) -> int:
+        """Return how many arrays of all states a step makes, beside the beliefs that it keeps."""
+        return 2
+
     def memory_bytes(self, shape: tuple[int, int]) -> int:
         """Return the memory that the states take in frames of a shape (rows, cols)."""
-        # A belief is kept for every frame of the lag; a step makes one more and its parts.
-        return 8 * self.state_planes * math.prod(shape) * (self.lag + 3)
+        arrays = self.lag + 1 + self.step_arrays
+        return 8 * self.state_planes * math.prod(shape) * arrays
 
     def init(self, shape: tuple[int, ...]) -> tuple[Any, ...]:
         """Return the beliefs of the last ``lag + 1`` frames, none at first."""
