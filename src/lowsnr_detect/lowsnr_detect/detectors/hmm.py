@@ -39,8 +39,8 @@ from typing import ClassVar
 from lowsnr_common.core.destination import Destination
 from lowsnr_common.core.likelihood import relative_likelihood
 from lowsnr_common.settings.declare import setting
-from lowsnr_detect.grid.fixed_lag import FixedLag
 from lowsnr_detect.grid.fixed_lag import LEAST_RATIO
+from lowsnr_detect.grid.grid_detector import GridDetector
 from lowsnr_detect.grid.grid_filter import as_plane
 from lowsnr_detect.grid.grid_filter import birth_belief
 from lowsnr_detect.grid.grid_filter import expect_belief
@@ -50,9 +50,7 @@ from lowsnr_detect.grid.grid_filter import total
 from lowsnr_detect.grid.grid_posterior import GridBelief
 from lowsnr_detect.parts.destination_moves import cell_likelihoods
 from lowsnr_detect.parts.destination_moves import move_likelihoods
-from lowsnr_detect.parts.detector import Declarations
-from lowsnr_detect.parts.existence import declare_posterior
-from lowsnr_detect.parts.existence import PosteriorDetector
+from lowsnr_detect.parts.local_estimate import Posterior
 from lowsnr_detect.parts.moves import move_model
 from lowsnr_detect.parts.moves import MoveModel
 from lowsnr_detect.parts.moves import shifted
@@ -134,7 +132,7 @@ class Belief:
 
 @register('hmm')
 @dataclass(frozen=True, kw_only=True)
-class HMM(FixedLag, PosteriorDetector):
+class HMM(GridDetector):
     """Forward recursion of ``p(cell, last moves, E_k | Z^k)``, with an optional fixed lag."""
 
     costly: ClassVar[tuple[str, ...]] = ('order', 'motion.max_speed_mps')
@@ -150,17 +148,17 @@ class HMM(FixedLag, PosteriorDetector):
         """Return the number of histories of moves."""
         return move_model(self.motion, self.sensor, self.order).history.size
 
-    def smoothed(self, beliefs: tuple[Belief, ...]) -> Declarations:
-        """Declare the object of the frame of the first belief, given all of them."""
+    def located(self, beliefs: tuple[Belief, ...]) -> tuple[np.ndarray, Posterior]:
+        """Return log odds and posterior in the frame of the first belief, given all of them."""
         model = move_model(self.motion, self.sensor, self.order)
         log_odds, weights = self._backward(model, beliefs)
         joint, then = weights.reshape(-1, *weights.shape[2:]), beliefs[0]
         where = GridBelief(
             joint, np.ones(joint.shape[1:]), model.velocity.reshape(-1, 2),
             model.velocity_cov.reshape(-1, 2, 2), self.sensor.cell_size_m)
-        return declare_posterior(log_odds, self.threshold, self.decision, where.posterior(
+        return log_odds, where.posterior(
             lambda runs: joint[:, runs].sum(axis=0),
-            None if self.lag else then.likelihood, then.peak))
+            None if self.lag else then.likelihood, then.peak)
 
     def filtered(self, last: Belief | None, frame: np.ndarray) -> Belief:
         """Make one step of the forward recursion, with l_k divided by its largest value."""
