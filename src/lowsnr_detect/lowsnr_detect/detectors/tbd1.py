@@ -111,8 +111,8 @@ class MMTBD1(PosteriorDetector):
         """Return log odds and posterior that the particles represent once resampled."""
         number = np.asarray(np.count_nonzero(state.exists, axis=-1))
         with np.errstate(divide='ignore'):
-            log_odds = np.asarray(np.log(number) - np.log(self.particles - number))
-        return log_odds, particle_posterior(
+            log_odds = np.log(number) - np.log(np.maximum(self.particles - number, 0.5))
+        return np.asarray(log_odds), particle_posterior(
             self.sensor, (shape[-2], shape[-1]), state.states,
             np.where(state.exists, 0.0, -np.inf))
 

@@ -146,7 +146,7 @@ class MMTBD2(PosteriorDetector):
     def posterior(
         self, state: Particles, shape: tuple[int, ...],
     ) -> tuple[np.ndarray, Posterior]:
-        """Return log odds of existence and the posterior that the resampled particles represent."""
+        """Return log odds of existence and the posterior of the resampled particles."""
         return state.log_odds, particle_posterior(
             self.sensor, (shape[-2], shape[-1]), state.states, np.zeros(state.modes.shape))
 
