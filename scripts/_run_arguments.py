@@ -151,6 +151,10 @@ def add_outputs(parser: argparse.ArgumentParser) -> None:
         help='show the run live: a page in the browser, and overlay and markers for RViz and '
         'Foxglove, see config/lowsnr.rviz')
     parser.add_argument(
+        '--statistic', action='store_true', dest='statistic_map',
+        help='publish the test statistic of every cell on the topic statistic, for report, live '
+        'page and bag')
+    parser.add_argument(
         '--view-port', type=number(1, 65535, whole=True), default=0, metavar='PORT',
         help='port of the live page on this host, the next ones for further detectors (default: '
         'the first free one from 8470 on)')

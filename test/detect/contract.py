@@ -11,6 +11,7 @@ from lowsnr_detect.calibration.empty_frames import Simulation
 from lowsnr_detect.calibration.operating_point import calibrate
 import numpy as np
 import pytest
+import scipy.special
 
 SHAPE = (7, 5)
 SENSOR = SensorModel(snr_db=9.0)
@@ -195,6 +196,26 @@ def statistic_does_not_depend_on_the_most_declarations(cls):
         assert np.array_equal(one, many)
 
 
+def map_is_the_statistic_minus_the_threshold(cls):
+    """One of cells has it as its largest value, one of an object as its sum, as odds."""
+    threshold, frames = 1.0, noise(8, 30)
+    detector = make(cls, threshold=threshold)
+    state, rng = detector.init(frames.shape[1:]), np.random.default_rng(SEED)
+    for frame in frames:
+        before, (state, declared) = state, detector.step(state, frame, rng)
+        plane = detector.statistic_map(before, frame, state)
+        assert plane.shape == frame.shape
+        over = plane.max(axis=(1, 2)) if cls.local else scipy.special.logsumexp(plane, (1, 2))
+        if 'particles' in cls.__dataclass_fields__:  # resampled: five standard deviations
+            found, weighed = map(scipy.special.expit, (over + threshold, declared.peak))
+            std = np.sqrt(weighed * (1.0 - weighed) / FEW['particles'])
+            assert np.all(abs(found - weighed) <= 5.0 * std + 1.001 / FEW['particles'])
+            continue
+        assert np.array_equal(over > 0.0, declared.any)
+        assert over[declared.any] == pytest.approx(
+            declared.peak[declared.any] - threshold, abs=1e-4)
+
+
 CHECKS = (
     same_seed_gives_same_bytes, frames_are_not_changed, memory_is_not_changed,
     batch_equals_single_runs, shapes_follow_the_frame,
@@ -203,4 +224,5 @@ CHECKS = (
     blank_frames_declare_nothing, outliers_leave_numbers_and_are_forgotten,
     smallest_frames_leave_numbers, settings_build_an_equal_detector,
     nominal_differs_in_thresholds_only, frames_per_declaration_is_a_count,
-    statistic_does_not_depend_on_the_most_declarations)
+    statistic_does_not_depend_on_the_most_declarations,
+    map_is_the_statistic_minus_the_threshold)

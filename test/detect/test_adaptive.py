@@ -36,6 +36,19 @@ def test_white_noise_holds_the_rate(rng, name):
     assert 0.0 < measured < 0.024
 
 
+@pytest.mark.parametrize('name', NAMES)
+def test_map_is_above_zero_where_a_cell_is_declared(rng, name):
+    detector = AdaptiveDetector(detector_class(name)(sensor=SENSOR), 0.2, (20, 18))
+    state, some = detector.init((6, 20, 18)), 0
+    for frame in rng.standard_normal((25, 6, 20, 18)):
+        before, (state, declared) = state, detector.step(state, frame, rng)
+        most = detector.statistic_map(before, frame, state).max(axis=(1, 2))
+        assert np.array_equal(most > 0.0, declared.any)
+        assert most[declared.any] == pytest.approx(declared.peak[declared.any])
+        some += declared.any.sum()
+    assert some > 5
+
+
 @pytest.mark.parametrize('name', ['cusum', 'bank', 'auto'])
 def test_coloured_noise_holds_the_rate_where_a_simulated_threshold_does_not(rng, name):
     frames = np.empty((50, 6, 64, 96))

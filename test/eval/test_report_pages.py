@@ -9,8 +9,8 @@ from lowsnr_common.core.records import Truth
 from lowsnr_eval.report.palette import IDENTITIES
 from lowsnr_eval.report.palette import rgb
 from lowsnr_eval.report.run_report import write_run_report
+from lowsnr_eval.scene.scene_writer import SceneWriter
 from lowsnr_eval.scoring.frame_scoring import Answer
-from lowsnr_eval.scoring.scene import SceneWriter
 import numpy as np
 import pytest
 from report_runs import score
@@ -22,6 +22,8 @@ NUMBER = "document.getElementById('number').textContent"
 # The grey of a view at a place in the frame.
 GREY = """(() => {{ const {{pen, X, Y, ratio}} = plots.{}, [x, y] = [{}, {}];
     return pen.getImageData(X(x) * ratio, Y(y) * ratio, 1, 1).data[0]; }})()"""
+COLOUR = """(() => {{ const {{pen, X, Y, ratio}} = plots.statistic, [x, y] = [{}, {}];
+    return [...pen.getImageData(X(x) * ratio, Y(y) * ratio, 1, 1).data.slice(0, 3)]; }})()"""
 FIRST_CELL = GREY.format('view', 0, 0)
 
 
@@ -118,6 +120,28 @@ def test_conditioned_picture_is_beside_the_raw_one_at_the_same_place(tmp_path, r
             assert {(x, y) for x in range(8) for y in range(8)
                     if page.value(GREY.format(view, x, y)) == 255} == bright
         assert page.value(GREY.format('cells', 9, 0)) == 255  # no cell covers it: white
+        assert page.errors == []
+
+
+def test_statistic_is_beside_the_frame_in_colours_of_both_sides_of_the_threshold(
+        tmp_path, require_program):
+    """One cell (4, 2) is above the threshold, and one (1, 5) has no statistic."""
+    excess = np.full((8, 10), -3.0)
+    excess[2, 4], excess[5, 1] = 6.0, np.nan
+    with closing(SceneWriter(tmp_path, 1.0, statistics=['sdt'])) as scene:
+        scene.add_frame(1, np.zeros((8, 10)))
+        scene.add_statistic('sdt', 1, excess)
+        scene.add_answers(1, 1, [], {'sdt': Answer([], []), 'cdt': Answer([], [])})
+    score(tmp_path, [([], Answer([], []))])
+    report = write_run_report(tmp_path, 'again')
+    with browser(require_program('chromium'), tmp_path / 'profile') as page:
+        page.load(report)
+        below, above, none = (page.value(COLOUR.format(*at)) for at in ((0, 0), (4, 2), (1, 5)))
+        assert (above, none) == ([190, 10, 20], [0, 0, 0])
+        assert below[2] > below[0]
+        assert page.value("getComputedStyle(get('tested')).display") != 'none'
+        page.value("get('chain').value = 'cdt', get('chain').dispatchEvent(new Event('change'))")
+        assert page.value("getComputedStyle(get('tested')).display") == 'none'
         assert page.errors == []
 
 

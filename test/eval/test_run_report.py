@@ -12,10 +12,10 @@ from lowsnr_eval.report import animation as animation_module
 from lowsnr_eval.report import software as software_module
 from lowsnr_eval.report.run_report import write_run_report
 from lowsnr_eval.report.software import software
-from lowsnr_eval.scoring import scene as scene_module
+from lowsnr_eval.scene import scene_files
+from lowsnr_eval.scene.scene_files import read_scene
+from lowsnr_eval.scene.scene_writer import SceneWriter
 from lowsnr_eval.scoring.frame_scoring import Answer
-from lowsnr_eval.scoring.scene import read_scene
-from lowsnr_eval.scoring.scene import SceneWriter
 import numpy as np
 import pytest
 from report_runs import FRAMES
@@ -33,7 +33,7 @@ def folder(tmp_path, rng):
 
 
 def test_scene_is_read_back(folder):
-    lines, frames, _ = read_scene(folder)
+    lines, frames, *_ = read_scene(folder)
     assert [line['frame'] for line in lines] == list(range(1, FRAMES + 1))
     assert lines[4]['truth'] == [[2.5, 3.0, '</script>']]
     assert lines[5]['chains']['sdt']['tracks'] == [[3.0, 3.1, '4', 0.9, 1.0, 0.0, 1.0]]
@@ -60,7 +60,7 @@ def test_report_holds_command_parameters_and_figures(folder):
 
 
 def test_report_states_what_it_leaves_out(tmp_path, monkeypatch):
-    monkeypatch.setattr(scene_module, '_MOST_CELLS', 20)
+    monkeypatch.setattr(scene_files, '_MOST_CELLS', 20)
     with closing(SceneWriter(tmp_path, 1.0)) as scene:
         scene.add_frame(1, np.zeros(SHAPE))
         scene.add_answers(1, 1, [], {})

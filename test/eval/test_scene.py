@@ -5,12 +5,12 @@ from contextlib import closing
 
 from lowsnr_common.core.frame_map import FrameMap
 from lowsnr_common.core.records import Estimate
-from lowsnr_eval.scoring import scene as scene_module
+from lowsnr_eval.scene import scene_writer
+from lowsnr_eval.scene.scene_files import read_scene
+from lowsnr_eval.scene.scene_files import reduced
+from lowsnr_eval.scene.scene_files import reduction
+from lowsnr_eval.scene.scene_writer import SceneWriter
 from lowsnr_eval.scoring.frame_scoring import Answer
-from lowsnr_eval.scoring.scene import read_scene
-from lowsnr_eval.scoring.scene import reduced
-from lowsnr_eval.scoring.scene import reduction
-from lowsnr_eval.scoring.scene import SceneWriter
 import numpy as np
 import pytest
 
@@ -33,13 +33,50 @@ def test_cells_are_read_back_with_their_place_in_the_frame(tmp_path):
     for resumed in (False, True):
         if resumed:
             SceneWriter(tmp_path, 1.0, resumed, conditioned=True).close()
-        lines, frames, cells = read_scene(tmp_path)
+        lines, frames, cells, _ = read_scene(tmp_path)
         assert [frame[0, 0] for frame in frames] == [1.0, 2.0, 3.0]
         assert [None if c is None else c.tolist() for c in cells] == [
             [[0.5, 0.5]] * 3, None, [[1.5, 1.5]] * 3]
         # Its first pixel is 2 x 4 - 3 = 5 right and -2 + 5 = 3 down; the edge half a pixel before.
         assert lines[0]['cells'] == {'shape': [3, 2], 'corner': [4.5, 2.5], 'side': 2}
         assert lines[1]['cells'] is None
+
+
+def test_statistic_is_read_back_with_the_place_of_the_cells_it_is_of(tmp_path):
+    """Of two chains, frames of 5 x 7 pixels in cells of 2 x 2; the second frame has no cells."""
+    where = FrameMap('camera', (5, 7), 2, (4, -1), (-3.0, 5.0))
+    answers = {'sdt': Answer([], []), 'cdt': Answer([], [])}
+    for conditioned in (True, False):
+        folder = tmp_path / str(conditioned)
+        folder.mkdir()
+        with closing(SceneWriter(
+                folder, 1.0, conditioned=conditioned, statistics=['cdt'])) as scene:
+            for k in (1, 2):
+                scene.add_answers(k, k, [], answers)
+                scene.add_frame(k, np.full(SHAPE, float(k)))
+                scene.add_statistic('cdt', k, np.full((3, 2), -k / 4))
+                if k == 1 and conditioned:
+                    scene.add_cells(k, np.zeros((3, 2)), where)
+        lines, frames, _, statistics = read_scene(folder)
+        assert [frame[0, 0] for frame in frames] == [1.0, 2.0]
+        found = [[] if not own else own['cdt'].tolist() for own in statistics]
+        assert found == [[[-0.25, -0.25]] * 3, [] if conditioned else [[-0.5, -0.5]] * 3]
+        assert lines[0]['chains']['cdt']['statistic'] == (
+            {'shape': [3, 2], 'corner': [4.5, 2.5], 'side': 2} if conditioned
+            else {'shape': [3, 2], 'corner': [-0.5, -0.5], 'side': 1})
+        assert 'statistic' not in lines[0]['chains']['sdt']
+
+
+def test_frame_waits_for_a_statistic_that_arrives_last(tmp_path):
+    with closing(SceneWriter(tmp_path, 1.0, statistics=['cdt'])) as scene:
+        for k in (1, 2, 3):
+            scene.add_frame(k, np.zeros(SHAPE))
+            scene.add_answers(k, k, [], {'cdt': Answer([], [])})
+        for k in (1, 3):  # the detector rejected the second frame
+            scene.add_statistic('cdt', k, np.full(SHAPE, float(k)))
+        assert len(read_scene(tmp_path).lines) == 3
+    assert [own.get('cdt', np.zeros((1, 1)))[0, 0]
+            for own in read_scene(tmp_path).statistics] == [1.0, 0.0, 3.0]
 
 
 def test_marks_are_in_cells_and_those_without_a_place_are_left_out(tmp_path):
@@ -62,7 +99,7 @@ def test_frame_and_its_marks_arrive_in_any_order(tmp_path):
         scene.add_frame(40, np.full(SHAPE, 4.0))
         scene.add_answers(4, 40, [], {})
         scene.add_answers(5, 50, [], {})  # nor does this one's, to the end
-    lines, frames, _ = read_scene(tmp_path)
+    lines, frames, *_ = read_scene(tmp_path)
     assert [line['frame'] for line in lines] == [1, 2, 3, 4, 5]
     assert [None if f is None else f[0, 0] for f in frames] == [1.0, 2.0, None, 4.0, None]
 
@@ -73,9 +110,9 @@ def test_frames_that_wait_for_their_marks_are_bounded(tmp_path):
             scene.add_frame(k, np.zeros(SHAPE))
         for k in range(1000):
             scene.add_answers(k, k, [], {})
-    lines, frames, _ = read_scene(tmp_path)
+    lines, frames, *_ = read_scene(tmp_path)
     assert len(lines) == 1000
-    assert sum(frame is not None for frame in frames) == scene_module.WAITING
+    assert sum(frame is not None for frame in frames) == scene_writer.WAITING
 
 
 def test_large_frame_is_reduced_to_its_brightest_cells(rng):
@@ -93,7 +130,7 @@ def test_large_frame_is_reduced_to_its_brightest_cells(rng):
 
 @pytest.mark.parametrize('frame', [np.zeros((30, 40)), None])
 def test_scene_on_disk_is_bounded(tmp_path, monkeypatch, frame):
-    monkeypatch.setattr(scene_module, '_BUDGET', 10_000)
+    monkeypatch.setattr(scene_writer, 'BUDGET', 10_000)
     with closing(SceneWriter(tmp_path, 1.0)) as scene:
         for k in range(1, 1001):
             if frame is not None:

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from lowsnr_common.settings.flat_values import flat_values
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.node_settings import RunSettings
+from lowsnr_eval.scene.scene_writer import SceneWriter
 from lowsnr_eval.scoring.entry_tables import EntryTables
 from lowsnr_eval.scoring.final_summary import summarize_folder
-from lowsnr_eval.scoring.scene import SceneWriter
 from lowsnr_eval.scoring.score_tables import ScoreTables
 import pytest
 import yaml

@@ -30,12 +30,12 @@ from lowsnr_eval.report import html_page as pages
 from lowsnr_eval.report import run_report
 from lowsnr_eval.report.figure_style import render
 from lowsnr_eval.report.run_report import write_run_report
+from lowsnr_eval.scene.scene_writer import SceneWriter
 from lowsnr_eval.scoring.entry_tables import EntryTables
 from lowsnr_eval.scoring.final_summary import summarize
 from lowsnr_eval.scoring.final_summary import write_summary
 from lowsnr_eval.scoring.frame_scoring import Answer
 from lowsnr_eval.scoring.frame_scoring import score_frame
-from lowsnr_eval.scoring.scene import SceneWriter
 from lowsnr_eval.scoring.score_tables import ScoreTables
 import numpy as np
 import pytest

@@ -73,6 +73,36 @@ def test_every_frame_gets_one_array_and_a_malformed_one_an_empty_array(detector,
     assert detector.counts['in'] == detector.counts['out'] == 7
 
 
+def test_statistic_is_published_on_request_with_the_header_of_its_frame(context, client, spin):
+    """CDT, eq. (4): I z - I^2 / 2 with I = 10 at 20 dB, minus the threshold of 20."""
+    node = DetectorNode('cdt', context=context, parameter_overrides=[
+        Parameter(name, value=value) for name, value in {
+            'operating_point': 'manual', 'threshold': 20.0, 'sensor.snr_db': 20.0,
+            'statistic_map': True}.items()])
+    node.autostart()
+    maps = []
+    client.create_subscription(Image, 'statistic', maps.append, 10)
+    frames = client.create_publisher(Image, 'image_raw', 10)
+    spin(lambda: frames.get_subscription_count() and node.count_subscribers('statistic'),
+         node, client)
+    images = [bright_frame(1), bright_frame(2), bright_frame(3)]
+    images[1].encoding = 'mono8'  # it is rejected, and has no statistic
+    for image in images:
+        frames.publish(image)
+    spin(lambda: len(maps) == 2)
+    assert [each.header for each in maps] == [images[0].header, images[2].header]
+    plane = messages.image_to_frame(maps[1])
+    assert plane.shape == SHAPE
+    assert plane[BRIGHT] == pytest.approx(100.0 - 50.0 - 20.0)
+    assert plane[0, 0] == pytest.approx(-50.0 - 20.0)
+    node.destroy_node()
+
+
+def test_statistic_is_not_published_unless_asked_for(detector, client, spin):
+    spin(lambda: client.count_publishers('detections'), detector, client)
+    assert not client.count_publishers('statistic')
+
+
 def test_late_answers_have_the_headers_of_their_frames_and_the_last_ones_come_at_the_end(
     context, client, spin,
 ):

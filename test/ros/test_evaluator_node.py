@@ -16,7 +16,7 @@ from lowsnr_common.ros.run_records import ChainCounts
 from lowsnr_common.ros.run_records import FrameScored
 from lowsnr_common.ros.run_records import NodeRestarted
 from lowsnr_eval import evaluator_node
-from lowsnr_eval.scoring import scene
+from lowsnr_eval.scene import scene_writer
 from lowsnr_eval.scoring.camera_table import read_views
 import numpy as np
 import pytest
@@ -176,7 +176,7 @@ def test_evaluator_that_is_configured_again_continues_its_table(evaluator, graph
 @pytest.mark.parametrize('conditioned', [False, True])
 def test_evaluator_whose_scene_is_full_takes_no_more_frames(
         context, spin, tmp_path, monkeypatch, conditioned):
-    monkeypatch.setattr(scene, '_BUDGET', 10)
+    monkeypatch.setattr(scene_writer, 'BUDGET', 10)
     node = evaluator_node.EvaluatorNode(context=context, parameter_overrides=[
         Parameter(name, value=value) for name, value in {
             'results': str(tmp_path), 'detectors': ['cdt'], 'conditioned': conditioned}.items()])
@@ -188,7 +188,7 @@ def test_evaluator_whose_scene_is_full_takes_no_more_frames(
     maps = other.create_publisher(CameraInfo, 'camera_info', 10)
     wanted = frames + arrays + [maps] * conditioned
     spin(lambda: all(each.get_subscription_count() for each in wanted), node, other)
-    last = scene.WAITING + 2  # answers wait so long for frames, which do not come
+    last = scene_writer.WAITING + 2  # answers wait so long for frames, which do not come
     for stamp_s in range(1, last):
         for topic in arrays:
             topic.publish(array(stamp_s))

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from lowsnr_common.ros import managed_node
 from lowsnr_eval.evaluator_node import EvaluatorNode
-from lowsnr_eval.scoring import scene
+from lowsnr_eval.scene import scene_writer
 from lowsnr_sensor.conditioner_node import ConditionerNode
 from lowsnr_sensor.sensor_node import SensorNode
 import pytest
@@ -55,7 +55,7 @@ def conditioner(make, **values):
     (sensor, 'image_raw'), (conditioner, 'conditioned/image_raw')])
 def test_node_starts_again_after_the_evaluator_has_its_pictures(
         made, others, spin, tmp_path, monkeypatch, start, frames):
-    monkeypatch.setattr(scene, '_BUDGET', -1)  # full from the start
+    monkeypatch.setattr(scene_writer, 'BUDGET', -1)  # full from the start
     evaluator = made(EvaluatorNode, MAPS, results=str(tmp_path), detectors=['cdt'],
                      conditioned=start is conditioner)
     assert evaluator.autostart()

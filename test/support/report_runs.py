@@ -8,11 +8,11 @@ from lowsnr_common.core.records import Estimate
 from lowsnr_common.core.records import Truth
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.node_settings import RunSettings
+from lowsnr_eval.scene.scene_writer import SceneWriter
 from lowsnr_eval.scoring.final_summary import summarize
 from lowsnr_eval.scoring.final_summary import write_summary
 from lowsnr_eval.scoring.frame_scoring import Answer
 from lowsnr_eval.scoring.frame_scoring import score_frame
-from lowsnr_eval.scoring.scene import SceneWriter
 from lowsnr_eval.scoring.score_tables import ScoreTables
 import numpy as np
 

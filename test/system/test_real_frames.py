@@ -16,8 +16,8 @@ from graph_runs import own_domain
 from graph_runs import start_bringup
 from lowsnr_bringup.bags.reader import Bag
 from lowsnr_common.ros import messages
+from lowsnr_eval.scene.scene_files import read_scene
 from lowsnr_eval.scoring.camera_table import read_views
-from lowsnr_eval.scoring.scene import read_scene
 import numpy as np
 import pytest
 
@@ -66,7 +66,7 @@ def replayed(tmp_path):
 
 def check_results(results, data, answers):
     """Check the frames for the report, and the motion of the camera for smoothed paths."""
-    lines, frames, cells = read_scene(results)
+    lines, frames, cells, _ = read_scene(results)
     assert len(lines) == len(data['frames'])
     for line, frame, plane in zip(lines, frames, cells):
         assert frame.shape == data['frames'][0].shape

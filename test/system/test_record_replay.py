@@ -29,7 +29,8 @@ FRAMES = 15
 STORAGES = ['mcap', pytest.param('sqlite3', marks=pytest.mark.slow)]
 MANUAL = ('--set', 'sdt.operating_point=manual', '--set', 'sdt.threshold=4.0')
 RUN = ('--detector', 'sdt', '--lockstep', *MANUAL)
-DATA = ('/image_raw', '/ground_truth', '/detections', '/tracks', '/tracks/tentative', '/clock')
+DATA = ('/image_raw', '/ground_truth', '/detections', '/tracks', '/tracks/tentative', '/clock',
+        '/statistic')
 
 
 def frames_csv(run):
@@ -48,7 +49,7 @@ def recorded(tmp_path_factory):
         with start_bringup(
                 folder / 'live', *RUN, '--scenario', 'example3', '--snr', '12', '--seed', '7',
                 '--frames', str(FRAMES), '--record', str(folder / 'bag'), '--storage', storage,
-                domain_id=own_domain()) as run:
+                '--statistic', domain_id=own_domain()) as run:
             return folder / 'bag', frames_csv(run)[0]
     return record
 

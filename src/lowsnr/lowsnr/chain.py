@@ -19,8 +19,8 @@ from lowsnr_common.core.records import AlarmRate
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.core.streams import stream
 from lowsnr_detect.calibration.empty_frames import Progress
-from lowsnr_detect.node.live_detector import acts
 from lowsnr_detect.node.live_detector import LiveDetector
+from lowsnr_detect.node.live_settings import acts
 from lowsnr_detect.parts.detector import Declarations
 from lowsnr_sensor.conditioning.conditioner import ConditioningSettings
 from lowsnr_sensor.conditioning.state import Conditioned

@@ -26,9 +26,9 @@ from lowsnr_common.ros.qos import reliable
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.node_settings import FrameSettings
 from lowsnr_common.settings.node_settings import RunSettings
+from lowsnr_eval.scene.scene_writer import WAITING
 from lowsnr_eval.scoring.frame_join import Arrival
 from lowsnr_eval.scoring.run_scoring import RunScorer
-from lowsnr_eval.scoring.scene import WAITING
 from nav_msgs.msg import Odometry
 from rclpy.lifecycle import LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn
@@ -81,9 +81,11 @@ class EvaluatorNode(ManagedNode):
         return TransitionCallbackReturn.SUCCESS
 
     def _listen_to_pictures(self) -> list[Input]:
-        """Subscribe to frames, and to their cells if they are conditioned."""
+        """Subscribe to frames, to their cells if they are conditioned, and to statistics."""
         qos = any_reliability(WAITING)
         found = [self.listen(Image, 'image_raw', self._on_frame, qos)]
+        found += [self.listen(Image, topic, partial(self._on_statistic, name), qos)
+                  for topic, name in self._scorer.statistics.items()]
         if self.frames.conditioned:
             maps = FrameMaps(self, True, self._on_cells, self._scorer.add_map)
             found.append(self.listen(
@@ -140,6 +142,11 @@ class EvaluatorNode(ManagedNode):
         """Keep the cells of a conditioned frame for the report."""
         if self.active and where is not None:
             self._scorer.scene.add_cells(_stamp(image.header), image_to_array(image), where)
+
+    def _on_statistic(self, name: str, image: Image) -> None:
+        """Keep the statistic of a chain for the report."""
+        if self.active:
+            self._scorer.scene.add_statistic(name, _stamp(image.header), image_to_array(image))
 
     def _on_timer(self) -> None:
         if self._scorer.scene.full and self._pictures:

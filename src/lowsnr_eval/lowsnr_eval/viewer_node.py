@@ -8,22 +8,27 @@ import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from lowsnr_common.core.frame_map import FrameMap
 from lowsnr_common.core.records import AlarmRate
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.ros import messages
 from lowsnr_common.ros import run_records
 from lowsnr_common.ros.bringup_line import LAST_FRAME
 from lowsnr_common.ros.bringup_line import LIVE_PAGE
+from lowsnr_common.ros.frame_maps import FrameMaps
 from lowsnr_common.ros.images import image_to_array
+from lowsnr_common.ros.inputs import Input
 from lowsnr_common.ros.managed_node import ManagedNode
 from lowsnr_common.ros.node_main import run
 from lowsnr_common.ros.parameters import declare
 from lowsnr_common.ros.qos import any_reliability
 from lowsnr_common.ros.qos import reliable
+from lowsnr_common.settings.node_settings import FrameSettings
 from lowsnr_common.settings.node_settings import ViewSettings
 from lowsnr_eval.live.live_page import frame_text
 from lowsnr_eval.live.live_page import live_page
 from lowsnr_eval.live.live_page import open_page
+from lowsnr_eval.live.live_page import statistic_picture
 from lowsnr_eval.live.live_server import LiveServer
 from lowsnr_eval.report.overlay import draw
 from lowsnr_eval.report.overlay import Scene
@@ -63,6 +68,7 @@ class ViewerNode(ManagedNode):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('viewer', **kwargs)
         self.view = declare(self, ViewSettings)
+        self.frames = declare(self, FrameSettings)
         self._live: LiveServer | None = None
         self._rate = AlarmRate()
 
@@ -82,7 +88,8 @@ class ViewerNode(ManagedNode):
         # Of several waiting messages the node takes those of the topics named first.
         self.listen(  # recorded frames may lack truth
             Detection2DArray, TRUTH, self._on_truth, depth, needed=False)
-        self.listen(Detection2DArray, DETECTIONS, partial(self._on_array, DETECTIONS), depth)
+        self.listen(Detection2DArray, DETECTIONS, partial(self._on_array, DETECTIONS), depth,
+                    first=self._listen_to_statistic())
         self.listen(Image, FRAMES, self._on_frame, any_reliability(_DEPTH))
         states = self.listen(
             Odometry, f'{TRACKS}/odometry', self._on_track, depth, steady=False)
@@ -90,6 +97,14 @@ class ViewerNode(ManagedNode):
             Detection2DArray, TRACKS, partial(self._on_array, TRACKS), depth, first=states)
         self.create_timer(_PATIENCE_S, self._on_timer)
         return TransitionCallbackReturn.SUCCESS
+
+    def _listen_to_statistic(self) -> Input | None:
+        """Subscribe to the statistic for the live page, if the detector publishes it."""
+        self._statistics: dict[int, dict[str, Any]] = {}
+        if not self.view.statistic_map:
+            return None
+        maps = FrameMaps(self, self.frames.conditioned, self._on_statistic)
+        return self.listen(Image, 'statistic', maps.take, reliable(_DEPTH), first=maps.input)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Leave the browsers too."""
@@ -138,6 +153,11 @@ class ViewerNode(ManagedNode):
         if len(kept) > _DEPTH + self.view.lag:
             del kept[min(kept)]
 
+    def _on_statistic(self, image: Image, where: FrameMap | None) -> None:
+        if self._live and self._live.watched:
+            self._keep(self._statistics, messages.stamp_key(image.header.stamp),
+                       statistic_picture(image_to_array(image), where))
+
     def _on_truth(self, message: Detection2DArray) -> None:
         self._keep(self._truth, messages.stamp_key(message.header.stamp),
                    messages.array_to_sound_estimates(message, self.view.sensor.cell_size_m))
@@ -178,8 +198,8 @@ class ViewerNode(ManagedNode):
         """Send a frame with its stamp [ns] to the browsers, if there are any."""
         if self._live and self._live.watched:
             self._live.publish(frame_text(
-                stamp / 1e9, greys, limits, answers, self._rate,
-                self.view.sensor.cell_size_m))
+                stamp / 1e9, greys, limits, answers, self._rate, self.view.sensor.cell_size_m,
+                self._statistics.pop(stamp, None)))
 
     def _publish(self, scene: Scene, header: Header, greys: np.ndarray) -> None:
         """Publish where there is a reader; drawing for none takes time from the other nodes."""

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 import os
 from typing import Any
 
@@ -34,20 +35,32 @@ def check_destinations(label: str, settings: Any, shape: tuple[int, int]) -> Non
             f'{label}: {name}', (each.x_m, each.y_m), settings.sensor.cell_size_m, shape)
 
 
-def check_detector(label: str, detector: Detector, shape: tuple[int, int]) -> None:
+def check_detector(label: str, detector: Detector, values: Mapping[str, Any]) -> None:
     """
-    Check a detector for frames of a shape (rows, cols), 0 x 0 if it is not known.
+    Check a detector with the parameters of its node, which may state the size of a frame.
 
     Raises
     ------
     ValueError
-        One line, if its destination lies outside the frame, or if it needs more memory than the
-        machine has.
+        One line, if its destination lies outside the frame, if it needs more memory than the
+        machine has, or if its statistic is published and the threshold is one of another.
 
     """
+    shape = values.get('rows', 0), values.get('cols', 0)
+    if values.get('statistic_map'):
+        _check_map(label, detector)
     check_destinations(label, detector, shape)
     if isinstance(detector, FixedLag) and all(shape):
         _check_memory(label, detector, shape)
+
+
+def _check_map(label: str, detector: Detector) -> None:
+    decision = getattr(detector, 'decision', None)
+    if decision and decision.places:
+        raise ValueError(
+            f'{label}: statistic_map shows existence, of which decision.rule '
+            f'{decision.rule!r} has no threshold; set decision.rule to existence, or '
+            'statistic_map to false')
 
 
 def _check_inside(

@@ -58,7 +58,7 @@ KINDS = {
     'conditioner': NodeKind(
         'lowsnr_sensor.conditioner_node', (CameraFrameSettings, ConditioningSettings)),
     'tracker': NodeKind('lowsnr_track.tracker_node', (FrameSettings, PdaMmpf)),
-    'viewer': NodeKind('lowsnr_eval.viewer_node', (ViewSettings,)),
+    'viewer': NodeKind('lowsnr_eval.viewer_node', (ViewSettings, FrameSettings)),
     'evaluator': NodeKind(
         'lowsnr_eval.evaluator_node', (RunSettings, Evaluation, FrameSettings)),
     'recorder': NodeKind('lowsnr_bringup.recorder_node', (RecorderSettings,)),
@@ -161,7 +161,7 @@ def run_nodes(
         space = f'/{name}' * several
         if viewed:
             nodes.append(_node(
-                'viewer', space, remaps=(*raw, *_TRUTH), needed=False, live=live))
+                'viewer', space, remaps=(*raw, *_TRUTH, *info), needed=False, live=live))
         nodes += [
             _node('tracker', space, remaps=info),
             _node(node_of(name), space, arguments=(name,), live=live and not conditioned,

@@ -62,6 +62,7 @@ class RunOptions:
     browser: bool = True
     respawn: bool | None = None
     camera: str | None = None
+    statistic_map: bool = False
 
     def __post_init__(self) -> None:
         if self.camera is not None:
@@ -99,7 +100,7 @@ class RunOptions:
         values = {
             'seed': self.seed, 'sensor.snr_db': self.snr_db, 'rate_hz': self.rate_hz,
             'frames': self.frames, 'lockstep': self.lockstep, 'loop': self.loop,
-            'storage': self.storage}
+            'storage': self.storage, 'statistic_map': self.statistic_map or None}
         given = {name: value for name, value in values.items() if value is not None}
         bag = {} if self.record is None else {'bag': str(self.record.resolve())}
         page = {'page_port': self.view_port, 'browser': self.browser}

@@ -135,8 +135,7 @@ def _build_detectors(
             *_, cls = graph.settings_classes(node.name)
             values = parameters[node.path]
             built[node.path] = graph.build(cls, values, node.label)
-            check_detector(
-                node.label, built[node.path], (values.get('rows', 0), values.get('cols', 0)))
+            check_detector(node.label, built[node.path], values)
     return built
 
 
@@ -214,6 +213,8 @@ def _fill_in(
     of_space = {path.rpartition('/')[0]: each for path, each in detectors.items()}
     chains = {path.rpartition('/')[0]: (path.rpartition('/')[2].removesuffix('_detector'), n)
               for n, path in enumerate(detectors)}
+    maps = [path for path in detectors if parameters[path].get('statistic_map')]
+    evaluator['statistic_maps'] = [chains[path.rpartition('/')[0]][0] for path in maps]
     for node in nodes:
         values = parameters[node.path]
         if node.name == 'tracker':
@@ -222,6 +223,7 @@ def _fill_in(
         elif node.name == 'viewer':
             values['lag'] = lag_of(of_space[node.namespace])
             name, number = chains[node.namespace]
+            values['statistic_map'] = name in evaluator['statistic_maps']
             snr_db = of_space[node.namespace].sensor.snr_db
             title = f'{source.name}, expected SNR {snr_db:g} dB: {name}'
             _fill_in_page(values, evaluator, title, number)

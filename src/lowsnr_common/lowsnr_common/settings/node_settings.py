@@ -15,8 +15,15 @@ from lowsnr_common.settings.declare import check_settings
 from lowsnr_common.settings.declare import setting
 
 
+class _Checked:
+    """Settings that are checked when they are made."""
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
 @dataclass(frozen=True, kw_only=True)
-class NodeSettings:
+class NodeSettings(_Checked):
     """Settings of every node."""
 
     autostart: bool = setting(
@@ -42,12 +49,9 @@ class NodeSettings:
         10.0, 'wall time without a message after which /diagnostics reports an input as silent '
         '[s]', gt=0.0)
 
-    def __post_init__(self) -> None:
-        check_settings(self)
-
 
 @dataclass(frozen=True, kw_only=True)
-class SimulationSettings:
+class SimulationSettings(_Checked):
     """Settings of the sensor: what it simulates, and how fast it publishes frames."""
 
     sensor: SensorModel = field(default_factory=SensorModel)
@@ -67,12 +71,9 @@ class SimulationSettings:
         -1, 'stamp after which a restarted node continues with the frames [ns]; -1 for the first '
         'start', ge=-1)
 
-    def __post_init__(self) -> None:
-        check_settings(self)
-
 
 @dataclass(frozen=True, kw_only=True)
-class PlayerSettings:
+class PlayerSettings(_Checked):
     """Settings of the player: which topics of which bag it publishes, and how fast."""
 
     bag: str = setting('', 'path of the bag')
@@ -101,36 +102,27 @@ class PlayerSettings:
         -1, 'stamp after which a restarted node continues with the frames [ns]; -1 for the first '
         'start', ge=-1)
 
-    def __post_init__(self) -> None:
-        check_settings(self)
-
 
 @dataclass(frozen=True, kw_only=True)
-class FrameSettings:
+class FrameSettings(_Checked):
     """Settings of detector, tracker and evaluator about where their frames come from."""
 
     conditioned: bool = setting(
         False, 'whether a conditioner stands before the detector: the node then waits for the map '
         'of every frame, on camera_info')
 
-    def __post_init__(self) -> None:
-        check_settings(self)
-
 
 @dataclass(frozen=True, kw_only=True)
-class CameraFrameSettings:
+class CameraFrameSettings(_Checked):
     """Settings of the conditioner's node: the size of the camera's frames."""
 
     rows: int = setting(
         0, 'rows of a frame, 0 if not known; large frames have a short queue', ge=0, le=16384)
     cols: int = setting(0, 'columns of a frame, 0 if not known', ge=0, le=16384)
 
-    def __post_init__(self) -> None:
-        check_settings(self)
-
 
 @dataclass(frozen=True, kw_only=True)
-class DetectionSettings:
+class DetectionSettings(_Checked):
     """Settings of the node of a detector: its operating point, and the size of its frames."""
 
     operating_point: str = setting(
@@ -141,15 +133,14 @@ class DetectionSettings:
     false_alarm_prob: float = setting(
         0.01, 'share of empty frames with any declaration, if matched or adaptive', gt=0.0, lt=1.0,
         live=True)
+    statistic_map: bool = setting(
+        False, 'whether the test statistic of every cell is published on statistic')
     rows: int = setting(0, 'rows of a frame; 0 takes those of the first frame', ge=0, le=16384)
     cols: int = setting(0, 'columns of a frame; 0 takes those of the first frame', ge=0, le=16384)
 
-    def __post_init__(self) -> None:
-        check_settings(self)
-
 
 @dataclass(frozen=True, kw_only=True)
-class ViewSettings:
+class ViewSettings(_Checked):
     """Settings of the viewer: how overlay, markers and live page look."""
 
     sensor: SensorModel = field(default_factory=SensorModel)
@@ -164,17 +155,16 @@ class ViewSettings:
     page_port: int = setting(
         0, 'port of the live page; 0 for the first free one from 8470 on', ge=0, le=65535)
     browser: bool = setting(False, "whether to open the live page in the user's browser")
+    statistic_map: bool = setting(
+        False, 'whether the live page shows what the detector publishes on statistic')
     title: str = setting('', 'title of the live page')
     pixels: bool = setting(False, 'whether the live page states positions in pixels, not metres')
     gate_cells: float = setting(
         1.5, 'largest distance of a track from the object that it is on [cells]', gt=0.0)
 
-    def __post_init__(self) -> None:
-        check_settings(self)
-
 
 @dataclass(frozen=True, kw_only=True)
-class RunSettings:
+class RunSettings(_Checked):
     """Settings of the evaluator: which chains it scores, and the folder of the results."""
 
     results: str = setting('results/run', 'folder for the scores; a missing one is made')
@@ -184,6 +174,8 @@ class RunSettings:
         ('matched',), 'operating point of each chain, for the summary')
     lags: tuple[int, ...] = setting(
         (), 'frames by which the answers of each chain are late; empty if none is', ge=0)
+    statistic_maps: tuple[str, ...] = setting(
+        (), 'names of the chains that publish statistic, for the report')
     false_tracks: tuple[float, ...] = setting(
         (), 'false tracks a frame asked of each chain; empty if of none', ge=0.0, lt=1.0)
     namespaces: bool = setting(
@@ -196,7 +188,7 @@ class RunSettings:
         10.0, 'wall time after which a frame counts as unanswered [s]', gt=0.0)
 
     def __post_init__(self) -> None:
-        check_settings(self)
+        super().__post_init__()
         if len(self.operating_points) != len(self.detectors):
             raise ValueError('RunSettings.operating_points must name one for each detector')
         if self.lags and len(self.lags) != len(self.detectors):
@@ -209,7 +201,7 @@ class RunSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Evaluation:
+class Evaluation(_Checked):
     """Settings of the evaluator: the largest distance of a hit, and the cutoff of GOSPA."""
 
     sensor: SensorModel = field(default_factory=SensorModel)
@@ -220,9 +212,6 @@ class Evaluation:
         gt=0.0)
     pixels: bool = setting(
         False, 'whether tables and figures state positions in pixels instead of metres')
-
-    def __post_init__(self) -> None:
-        check_settings(self)
 
     @property
     def gate_m(self) -> float:
@@ -236,7 +225,7 @@ class Evaluation:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RecorderSettings:
+class RecorderSettings(_Checked):
     """Settings of the recorder: where it writes, and which topics it waits for."""
 
     bag: str = setting('bag', 'folder of the bag, which must not exist')
@@ -246,6 +235,3 @@ class RecorderSettings:
         (), 'topics that must be received before the recorder becomes active')
     rows: int = setting(0, 'rows of a frame, 0 if not known', ge=0, le=16384)
     cols: int = setting(0, 'columns of a frame, 0 if not known', ge=0, le=16384)
-
-    def __post_init__(self) -> None:
-        check_settings(self)

@@ -106,6 +106,20 @@ class AdaptiveDetector:
         self, state: AdaptiveMemory, frame: np.ndarray, rng: np.random.Generator,
     ) -> tuple[AdaptiveMemory, Declarations]:
         """Advance by a frame (..., rows, cols); ``rng`` is not used."""
+        after, odds = self._compared(state, frame)
+        at_zero = cast(CellDetector, replace(self.detector, threshold=0.0))
+        return after, at_zero.declare(odds)
+
+    def statistic_map(
+        self, before: AdaptiveMemory, frame: np.ndarray, after: AdaptiveMemory,
+    ) -> np.ndarray:
+        """Return the log odds of each cell with respect to its threshold, (..., rows, cols)."""
+        return self._compared(before, frame)[1]
+
+    def _compared(
+        self, state: AdaptiveMemory, frame: np.ndarray,
+    ) -> tuple[AdaptiveMemory, np.ndarray]:
+        """Return the memory after a frame, and the log odds of each cell at its threshold."""
         memories, tails, odds = [], [], []
         for member, memory, threshold, tail in zip(
                 self.members, state.members, self.tails, state.tails, strict=True):
@@ -114,9 +128,7 @@ class AdaptiveDetector:
             memories.append(memory)
             tails.append(tail)
             odds.append(compared.reshape(frame.shape))
-        largest = np.maximum.reduce(odds)
-        at_zero = cast(CellDetector, replace(self.detector, threshold=0.0))
-        return AdaptiveMemory(tuple(memories), tuple(tails)), at_zero.declare(largest)
+        return AdaptiveMemory(tuple(memories), tuple(tails)), np.maximum.reduce(odds)
 
     def measured(self, state: AdaptiveMemory) -> float:
         """Return the share of the frames with a declaration that continues none before it."""

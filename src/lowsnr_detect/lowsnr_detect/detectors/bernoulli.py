@@ -34,6 +34,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from dataclasses import field
 from dataclasses import replace
+from typing import Any
 from typing import ClassVar
 from typing import Self
 
@@ -51,6 +52,7 @@ from lowsnr_detect.grid.declared_objects import strongest_first
 from lowsnr_detect.grid.fixed_lag import FixedLag
 from lowsnr_detect.grid.move_classes import move_transitions
 from lowsnr_detect.grid.neighbourhoods import declared_objects
+from lowsnr_detect.grid.neighbourhoods import near_log_odds
 from lowsnr_detect.grid.neighbourhoods import posterior
 from lowsnr_detect.grid.neighbourhoods import predicted_objects
 from lowsnr_detect.grid.neighbourhoods import window_sums
@@ -143,6 +145,10 @@ class Bernoulli(FixedLag):
     def state_planes(self) -> int:
         """Return the number of histories of moves."""
         return self.transitions.count
+
+    def statistic_map(self, before: Any, frame: np.ndarray, after: Any) -> np.ndarray:
+        """Return the log odds of an object in the 3 x 3 cells around each, minus the threshold."""
+        return np.asarray(near_log_odds(after[-1].mass) - self.threshold)
 
     def filtered(self, last: Mass | None, frame: np.ndarray) -> Mass:
         """Predict, weigh by the frame, and normalise every neighbourhood."""

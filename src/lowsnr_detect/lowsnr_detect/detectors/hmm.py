@@ -44,17 +44,15 @@ from lowsnr_common.core.bound_motion import Destinations
 from lowsnr_common.core.destination import Destination
 from lowsnr_common.core.likelihood import relative_likelihood
 from lowsnr_common.settings.declare import setting
-from lowsnr_detect.grid.fixed_lag import FixedLag
 from lowsnr_detect.grid.fixed_lag import LEAST_RATIO
+from lowsnr_detect.grid.grid_detector import GridDetector
 from lowsnr_detect.grid.grid_filter import as_plane
 from lowsnr_detect.grid.grid_filter import birth_belief
 from lowsnr_detect.grid.grid_filter import total
 from lowsnr_detect.grid.grid_posterior import GridBelief
 from lowsnr_detect.grid.move_steps import Belief
 from lowsnr_detect.grid.move_steps import MoveSteps
-from lowsnr_detect.parts.detector import Declarations
-from lowsnr_detect.parts.existence import declare_posterior
-from lowsnr_detect.parts.existence import PosteriorDetector
+from lowsnr_detect.parts.local_estimate import Posterior
 from lowsnr_detect.parts.moves import MoveModel
 from lowsnr_detect.parts.moves import shifted
 from lowsnr_detect.parts.registry import register
@@ -100,7 +98,7 @@ def forward(
 
 @register('hmm')
 @dataclass(frozen=True, kw_only=True)
-class HMM(FixedLag, PosteriorDetector):
+class HMM(GridDetector):
     """Forward recursion of ``p(cell, last moves, E_k | Z^k)``, with an optional fixed lag."""
 
     costly: ClassVar[tuple[str, ...]] = ('order', 'motion.max_speed_mps', 'destinations')
@@ -133,17 +131,17 @@ class HMM(FixedLag, PosteriorDetector):
         """Return how many arrays of all states a step makes."""
         return self.steps.pairs.step_arrays
 
-    def smoothed(self, beliefs: tuple[Belief, ...]) -> Declarations:
-        """Declare the object of the frame of the first belief, given all of them."""
+    def located(self, beliefs: tuple[Belief, ...]) -> tuple[np.ndarray, Posterior]:
+        """Return log odds and posterior in the frame of the first belief, given all of them."""
         log_odds, weights = self._backward(beliefs)
         joint, then = weights.reshape(-1, *weights.shape[3:]), beliefs[0]
         velocity, cov = (each.reshape(-1, *each.shape[2:]).repeat(weights.shape[2], axis=0)
                          for each in (self.steps.model.velocity, self.steps.model.velocity_cov))
         where = GridBelief(
             joint, np.ones(joint.shape[1:]), velocity, cov, self.sensor.cell_size_m)
-        return declare_posterior(log_odds, self.threshold, self.decision, where.posterior(
+        return log_odds, where.posterior(
             lambda runs: joint[:, runs].sum(axis=0),
-            None if self.lag else then.likelihood, then.peak))
+            None if self.lag else then.likelihood, then.peak)
 
     def filtered(self, last: Belief | None, frame: np.ndarray) -> Belief:
         """Make one step of the forward recursion, with l_k divided by its largest value."""

@@ -47,16 +47,14 @@ from lowsnr_detect.grid.bound_steps import StateGrid
 from lowsnr_detect.grid.bound_steps import Tilt
 from lowsnr_detect.grid.bound_steps import tilts
 from lowsnr_detect.grid.bound_steps import unfolded
-from lowsnr_detect.grid.fixed_lag import FixedLag
 from lowsnr_detect.grid.fixed_lag import LEAST_RATIO
+from lowsnr_detect.grid.grid_detector import GridDetector
 from lowsnr_detect.grid.grid_posterior import GridBelief
 from lowsnr_detect.grid.point_classes import point_transitions
 from lowsnr_detect.grid.transitions import expect
 from lowsnr_detect.grid.transitions import predict
 from lowsnr_detect.grid.transitions import Transitions
-from lowsnr_detect.parts.detector import Declarations
-from lowsnr_detect.parts.existence import declare_posterior
-from lowsnr_detect.parts.existence import PosteriorDetector
+from lowsnr_detect.parts.local_estimate import Posterior
 from lowsnr_detect.parts.moves import shifted
 from lowsnr_detect.parts.registry import register
 import numpy as np
@@ -113,7 +111,7 @@ class Belief:
 
 @register('pmf')
 @dataclass(frozen=True, kw_only=True)
-class PMF(FixedLag, PosteriorDetector):
+class PMF(GridDetector):
     """Forward recursion of ``p(point, mode, heading, speed, E_k | Z^k)``."""
 
     costly: ClassVar[tuple[str, ...]] = ('resolution', 'headings', 'speeds', 'destinations')
@@ -193,8 +191,8 @@ class PMF(FixedLag, PosteriorDetector):
         """Return the expectations of values after a step of the base motion."""
         return expect(self.transitions, values, self.regions)
 
-    def smoothed(self, beliefs: tuple[Belief, ...]) -> Declarations:
-        """Declare the object of the frame of the first belief, given all of them."""
+    def located(self, beliefs: tuple[Belief, ...]) -> tuple[np.ndarray, Posterior]:
+        """Return log odds and posterior in the frame of the first belief, given all of them."""
         then, *later = beliefs
         planes, mass, log_odds = then.planes, then.mass, then.log_odds
         if later:
@@ -206,8 +204,8 @@ class PMF(FixedLag, PosteriorDetector):
         where = GridBelief(
             planes.reshape(-1, *planes.shape[2:]), then.scale, velocity, cov,
             self.sensor.cell_size_m, self.resolution)
-        return declare_posterior(log_odds, self.threshold, self.decision, where.posterior(
-            lambda runs: mass[runs], None if self.lag else then.likelihood, then.peak))
+        return log_odds, where.posterior(
+            lambda runs: mass[runs], None if self.lag else then.likelihood, then.peak)
 
     def _ratio(self, later: list[Belief]) -> np.ndarray:
         """Return r_t (C, 1 + n, ..., R rows, R cols), given the beliefs after frame t."""

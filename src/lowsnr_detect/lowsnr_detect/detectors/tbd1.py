@@ -38,6 +38,7 @@ from lowsnr_detect.parts.detector import Declarations
 from lowsnr_detect.parts.existence import declare_posterior
 from lowsnr_detect.parts.existence import PosteriorDetector
 from lowsnr_detect.parts.local_estimate import particle_posterior
+from lowsnr_detect.parts.local_estimate import Posterior
 from lowsnr_detect.parts.registry import register
 import numpy as np
 
@@ -103,6 +104,17 @@ class MMTBD1(PosteriorDetector):
         return resampled, declare_posterior(
             log_odds, self.threshold, self.decision,
             particle_posterior(self.sensor, frame.shape[-2:], now.states, with_object))
+
+    def posterior(
+        self, state: Particles, shape: tuple[int, ...],
+    ) -> tuple[np.ndarray, Posterior]:
+        """Return log odds and posterior that the particles represent once resampled."""
+        number = np.asarray(np.count_nonzero(state.exists, axis=-1))
+        with np.errstate(divide='ignore'):
+            log_odds = np.log(number) - np.log(np.maximum(self.particles - number, 0.5))
+        return np.asarray(log_odds), particle_posterior(
+            self.sensor, (shape[-2], shape[-1]), state.states,
+            np.where(state.exists, 0.0, -np.inf))
 
     def _predicted(
         self, state: Particles | None, frame: np.ndarray, rng: np.random.Generator,

@@ -51,6 +51,7 @@ from lowsnr_detect.parts.detector import Declarations
 from lowsnr_detect.parts.existence import declare_posterior
 from lowsnr_detect.parts.existence import PosteriorDetector
 from lowsnr_detect.parts.local_estimate import particle_posterior
+from lowsnr_detect.parts.local_estimate import Posterior
 from lowsnr_detect.parts.registry import register
 import numpy as np
 
@@ -140,6 +141,13 @@ class MMTBD2(PosteriorDetector):
         return resampled, declare_posterior(
             log_odds, self.threshold, self.decision,
             particle_posterior(self.sensor, frame.shape[-2:], states, log_weights))
+
+    def posterior(
+        self, state: Particles, shape: tuple[int, ...],
+    ) -> tuple[np.ndarray, Posterior]:
+        """Return log odds of existence and the posterior of the resampled particles."""
+        return state.log_odds, particle_posterior(
+            self.sensor, (shape[-2], shape[-1]), state.states, np.zeros(state.modes.shape))
 
     def _bound(
         self, state: Particles | None, born: tuple[int, ...], rng: np.random.Generator,

@@ -141,9 +141,21 @@ def declared_objects(
     bound = float(scipy.special.expit(threshold))
     for one, places, found in zip(mass, cells, prob):
         found[kernels.objects(one, bound, places, found):] = 0.0
+    return cells, _log_odds(prob)
+
+
+def near_log_odds(mass: np.ndarray) -> np.ndarray:
+    """Return the log odds that the 3 x 3 cells around each hold an object, (..., rows, cols)."""
+    near = np.empty(mass.shape)
+    for run in np.ndindex(*mass.shape[:-2]):
+        near[run] = kernels.box_sums(mass[run], 1)
+    return _log_odds(near)
+
+
+def _log_odds(prob: np.ndarray) -> np.ndarray:
     prob = np.minimum(prob, _MOST_PROB)
     with np.errstate(divide='ignore'):
-        return cells, np.log(prob) - np.log1p(-prob)
+        return np.asarray(np.log(prob) - np.log1p(-prob))
 
 
 def left_over(runs: np.ndarray, cells: np.ndarray) -> np.ndarray:

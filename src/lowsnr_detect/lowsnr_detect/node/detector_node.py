@@ -29,15 +29,16 @@ from lowsnr_common.settings.flat_values import changed
 from lowsnr_common.settings.node_settings import DetectionSettings
 from lowsnr_common.settings.node_settings import FrameSettings
 from lowsnr_detect.grid.fixed_lag import lag_of
-from lowsnr_detect.node.live_detector import acts
-from lowsnr_detect.node.live_detector import check_effect
 from lowsnr_detect.node.live_detector import in_image
 from lowsnr_detect.node.live_detector import LiveDetector
+from lowsnr_detect.node.live_settings import acts
+from lowsnr_detect.node.live_settings import check_effect
 from lowsnr_detect.node.warm_up import warm_up
 from lowsnr_detect.parts.detector import Declarations
 from lowsnr_detect.parts.registry import detector_class
 from nav_msgs.msg import Odometry
 import numpy as np
+from rclpy.lifecycle import LifecyclePublisher
 from rclpy.lifecycle import LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn
 from rosgraph_msgs.msg import Clock
@@ -86,6 +87,7 @@ class DetectorNode(ManagedNode):
         self._odometry = self.create_publisher(Odometry, 'detections/odometry', reliable(depth))
         self.outputs = {
             self._array: self.settings.consumers, self._odometry: bool(self.settings.consumers)}
+        self._statistic = self._open_map(shape) if operating.statistic_map else None
         self._maps = FrameMaps(self, self.frames.conditioned, self._answer)
         self._map: FrameMap | None = None
         self._open: deque[OpenFrame] = deque()
@@ -96,6 +98,13 @@ class DetectorNode(ManagedNode):
             Image, 'image_raw', self._on_frame, any_reliability(frame_depth(depth, *shape)),
             first=self._maps.input)
         return TransitionCallbackReturn.SUCCESS
+
+    def _open_map(self, shape: tuple[int, int]) -> LifecyclePublisher:
+        """Create the publisher of the statistic, which all consumers but the tracker read."""
+        depth = frame_depth(self.settings.queue_depth, *shape)
+        made = self.create_publisher(Image, 'statistic', reliable(depth))
+        self.outputs[made] = self.frame_readers(max(self.settings.consumers - 1, 0))
+        return made
 
     def _start(self, shape: tuple[int, int]) -> LiveDetector:
         return LiveDetector(self.name, self.live, shape, self.get_logger().info)
@@ -166,6 +175,8 @@ class DetectorNode(ManagedNode):
             self._give(work.move(by))
         self._map = where
         self._give(work.step(frame, self._rng))
+        if self._statistic and work.map is not None:
+            self._statistic.publish(messages.frame_to_image(work.map, image.header))
 
     def _on_last_frame(self, last: Clock) -> None:
         """Answer the frames that wait for later ones once the last one of the run is here."""

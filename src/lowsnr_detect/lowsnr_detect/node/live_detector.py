@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from collections.abc import Iterable
 from dataclasses import replace
 
 from lowsnr_common.core.frame_map import FrameMap
@@ -26,10 +25,6 @@ from lowsnr_detect.parts.detector import Detector
 from lowsnr_detect.parts.moved_memory import moved_memory
 import numpy as np
 
-# The operating points at which a setting acts, where these are not all.
-_ACTS_AT = {
-    'threshold': ('manual',), 'upper_threshold': ('manual', 'matched'),
-    'false_alarm_prob': ('matched', 'adaptive')}
 
 Settings = tuple[Detector, DetectionSettings]
 
@@ -51,7 +46,12 @@ class LiveDetector:
     progress
         Called with the share of a calibration that is done; by default it is logged.
 
+    ``map`` is, where ``settings`` ask for it, the statistic of the newest frame, (rows, cols), as
+    :meth:`lowsnr_detect.parts.detector.Detector.statistic_map` returns it.
+
     """
+
+    map: np.ndarray | None = None  # noqa: A003
 
     def __init__(
         self, name: str, settings: Settings, shape: tuple[int, int], log: Callable[[str], None],
@@ -61,6 +61,7 @@ class LiveDetector:
         # By detector, without its threshold.
         self._curves: dict[Detector, Curve] = {}
         detector, operating = settings
+        self._mapped = operating.statistic_map
         if operating.operating_point == 'matched':
             self._curves[_untuned(detector)] = curve(
                 detector, shape, progress=progress or logged_progress(name, shape, log),
@@ -75,7 +76,10 @@ class LiveDetector:
 
     def step(self, frame: np.ndarray, rng: np.random.Generator) -> list[Declarations]:
         """Advance by a frame (rows, cols); return the answer about the oldest open one, if any."""
-        self._memory, declared = self._detector.step(self._memory, frame, rng)
+        before = self._memory
+        self._memory, declared = self._detector.step(before, frame, rng)
+        if self._mapped:
+            self.map = self._detector.statistic_map(before, frame, self._memory)
         self._open += 1
         if self._open <= lag_of(self._detector):
             return []
@@ -191,43 +195,6 @@ def in_image(
     return [where.in_image(item, cell_size_m) for item in found]
 
 
-def acts(name: str, operating: DetectionSettings) -> bool:
-    """Return whether a setting acts at an operating point."""
-    point = operating.operating_point
-    return point in _ACTS_AT.get(name, (point,))
-
-
-def check_effect(names: Iterable[str], settings: Settings) -> None:
-    """
-    Check that a change of settings has an effect, and none beyond its own.
-
-    Parameters
-    ----------
-    names
-        Settings that are to be changed.
-    settings
-        Detector and operating point with these changes.
-
-    Raises
-    ------
-    ValueError
-        For the first setting without effect at the operating point, and for a design SNR, with
-        which the memory starts empty, where frames are counted from the start.
-
-    """
-    detector, operating = settings
-    for name in names:
-        if not acts(name, operating):
-            raise ValueError(
-                f'{name} does nothing while operating_point is {operating.operating_point!r}; set '
-                f'operating_point to {" or ".join(map(repr, _ACTS_AT[name]))} first, or in the '
-                'same call')
-        bound = next((group for group in ('destination', 'destinations') if getattr(
-            getattr(detector, group, None), 'probability', None)), '')
-        if name == 'sensor.snr_db' and bound:
-            raise ValueError(
-                f'sensor.snr_db is read-only where {bound}.probability is set: the frame of the '
-                'arrival is counted from the first frame')
 
 
 def _untuned(detector: Detector) -> Detector:

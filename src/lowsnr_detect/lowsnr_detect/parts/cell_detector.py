@@ -115,6 +115,10 @@ class CellDetector:
         state, plane = self.statistic(state, frame)
         return state, self.declare(plane)
 
+    def statistic_map(self, before: Any, frame: np.ndarray, after: Any) -> np.ndarray:
+        """Return the statistic of each cell of a frame (..., rows, cols) minus the threshold."""
+        return np.asarray(self.statistic(before, frame)[1] - self.threshold)
+
     def declare(self, plane: np.ndarray, row_peaks: np.ndarray | None = None) -> Declarations:
         """
         Declare the cells of a plane above the threshold, thinned.

@@ -119,3 +119,22 @@ class Detector(Protocol):
     ) -> tuple[Any, Declarations]:
         """Advance by one frame (..., rows, cols); return the new memory and the declarations."""
         ...
+
+    def statistic_map(self, before: Any, frame: np.ndarray, after: Any) -> np.ndarray:
+        """
+        Return by how much the statistic exceeds the threshold in each cell of a frame.
+
+        Parameters
+        ----------
+        before, after
+            Memory before and after the frame.
+        frame : (..., rows, cols) ndarray
+            Cell intensities.
+
+        Returns
+        -------
+        (..., rows, cols) ndarray
+            Log ratio [nat], above 0 what is declared; -inf where there is no statistic.
+
+        """
+        ...

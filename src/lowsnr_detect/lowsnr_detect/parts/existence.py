@@ -163,6 +163,25 @@ class PosteriorDetector:
         """Return the number of frames over which errors of declarations are correlated."""
         return CORRELATED_FRAMES
 
+    def posterior(self, state: Any, shape: tuple[int, ...]) -> tuple[np.ndarray, Posterior]:
+        """Return log odds of existence [nat] and the posterior of the state in a memory."""
+        raise NotImplementedError
+
+    def statistic_map(self, before: Any, frame: np.ndarray, after: Any) -> np.ndarray:
+        """
+        Return the log odds of an object in each cell to none in the frame, minus the threshold.
+
+        Their sum over the cells, as odds, is that of existence; with a lag later frames are not
+        used.
+        """
+        log_odds, where = self.posterior(after, frame.shape)
+        possible, odds = np.asarray(log_odds > -np.inf), np.full(frame.shape, -np.inf)
+        mass = by_cell(where.mass(possible), where.resolution)
+        with np.errstate(divide='ignore'):
+            share = np.log(mass / mass.sum(axis=(-2, -1), keepdims=True))
+        odds[possible] = log_odds[possible, None, None] + share - self.threshold
+        return odds
+
     def nominal(self) -> Self:
         """Return the detector that declares what is more likely than not."""
         return replace(self, threshold=0.0)

@@ -11,6 +11,7 @@ import sys
 from threading import Thread
 from typing import Any
 
+from lowsnr_common.core.frame_map import FrameMap
 from lowsnr_common.core.records import AlarmRate
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.settings.node_settings import ViewSettings
@@ -19,10 +20,13 @@ from lowsnr_eval.report.animation import Facts
 from lowsnr_eval.report.animation import to_text
 from lowsnr_eval.report.html_page import Markup
 from lowsnr_eval.report.html_page import page
-from lowsnr_eval.scoring.scene import reduced
-from lowsnr_eval.scoring.scene import reduction
-from lowsnr_eval.scoring.scene_marks import marks
-from lowsnr_eval.scoring.scene_marks import track_marks
+from lowsnr_eval.report.palette import excess_range
+from lowsnr_eval.report.palette import to_levels
+from lowsnr_eval.scene.scene_files import reduced
+from lowsnr_eval.scene.scene_files import reduction
+from lowsnr_eval.scene.scene_marks import marks
+from lowsnr_eval.scene.scene_marks import track_marks
+from lowsnr_eval.scene.scene_writer import place_in_frame
 import numpy as np
 
 # A page shows one chain, which needs no name.
@@ -45,6 +49,7 @@ def live_page(settings: ViewSettings) -> Markup:
 def frame_text(
     stamp_s: float, greys: np.ndarray, limits: tuple[float, float],
     answers: tuple[list[Estimate] | None, ...], rate: AlarmRate, cell_size_m: float,
+    statistic: Mapping[str, Any] | None = None,
 ) -> str:
     """
     Return what a server sends of a frame.
@@ -61,6 +66,8 @@ def frame_text(
         False-alarm rate of the detector.
     cell_size_m
         Side of a cell [m].
+    statistic
+        What :func:`statistic_picture` returns; None where there is none.
 
     """
     truth, detections, tracks = answers
@@ -72,7 +79,20 @@ def frame_text(
         'truth': marks(truth, cell_size_m),
         'chains': {_CHAIN: {
             'detections': marks(detections, cell_size_m),
-            'tracks': track_marks(tracks, cell_size_m), 'measured': rate.measured}}})
+            'tracks': track_marks(tracks, cell_size_m), 'measured': rate.measured,
+            'statistic': statistic}}})
+
+
+def statistic_picture(excess: np.ndarray, where: FrameMap | None) -> dict[str, Any]:
+    """
+    Return the picture of a statistic minus its threshold (rows, cols) [nat].
+
+    ``where`` is the map of its frame, None if it was not conditioned.
+    """
+    place, step = place_in_frame((excess.shape[0], excess.shape[1]), where)
+    kept, limits = reduced(excess, step), excess_range(excess)
+    return place | {
+        'shape': kept.shape, 'limits': limits, 'levels': to_text(to_levels(kept, limits))}
 
 
 def open_page(address: str) -> None:

@@ -15,14 +15,17 @@ from lowsnr_eval.report.html_page import asset
 from lowsnr_eval.report.html_page import fill
 from lowsnr_eval.report.html_page import Markup
 from lowsnr_eval.report.palette import DETECTION
+from lowsnr_eval.report.palette import excess_range
 from lowsnr_eval.report.palette import grey_range
 from lowsnr_eval.report.palette import IDENTITIES
 from lowsnr_eval.report.palette import to_greys
+from lowsnr_eval.report.palette import to_levels
 from lowsnr_eval.report.palette import TRUTH
+from lowsnr_eval.scene.scene_files import Plane
+from lowsnr_eval.scene.scene_files import Scene
 import numpy as np
 
 Line = Mapping[str, Any]
-Plane = np.ndarray | None
 # What a page holds at most: cells of pictures, and letters of lines.  That is up to 15 MB.
 _MOST_CELLS, _MOST_LETTERS = 2**23, 2**22
 # Frames before the first one that shows anything, where a page does not hold all.
@@ -47,31 +50,32 @@ class Facts:
     intensity: str = 'intensity'
 
 
-def animation(
-    lines: Sequence[Line], frames: Sequence[Plane], cells: Sequence[Plane], scored: int,
-    facts: Facts,
-) -> Markup:
+def animation(scene: Scene, scored: int, facts: Facts) -> Markup:
     """
     Return the animation of a run, with its script.
 
     Parameters
     ----------
-    lines, frames, cells
-        As :func:`lowsnr_eval.scoring.scene.read_scene` returns them, with at least one frame.
+    scene
+        The scene of the run, with at least one frame.
     scored
         Number of frames of the whole run.
     facts
         What is known of the run.
 
     """
-    shown = _shown(lines, frames, cells)
-    lines, frames, cells = lines[shown], frames[shown], cells[shown]
+    shown = _shown(scene)
+    lines, frames = scene.lines[shown], scene.frames[shown]
+    cells, statistics = scene.cells[shown], scene.statistics[shown]
     of_frames, of_cells = _limits(frames), _limits(cells)
     return element(facts, _note(lines, scored), {
         'chains': list(dict.fromkeys(name for line in lines for name in line['chains'])),
         'frames': _greys(frames, of_frames), 'cells': _greys(cells, of_cells),
         'values': {'frames': [*of_frames, facts.intensity],
                    'cells': [*of_cells, 'noise σ']},
+        'statistics': {
+            name: _levels([own.get(name) for own in statistics])
+            for name in dict.fromkeys(name for own in statistics for name in own)},
         'lines': [
             {**line, 'place': place, 'cells_place': cells_place}
             for line, place, cells_place in zip(
@@ -95,12 +99,12 @@ def to_text(greys: np.ndarray) -> str:
     return base64.b64encode(greys.tobytes()).decode()
 
 
-def _shown(
-    lines: Sequence[Line], frames: Sequence[Plane], cells: Sequence[Plane],
-) -> slice:
+def _shown(scene: Scene) -> slice:
     """Return which frames the page holds: all, or from shortly before the first with a mark."""
-    sizes = np.cumsum([0, *(sum(plane.size for plane in pair if plane is not None)
-                            for pair in zip(frames, cells))])
+    lines = scene.lines
+    sizes = np.cumsum([0, *(
+        sum(plane.size for plane in (frame, cells, *own.values()) if plane is not None)
+        for _, frame, cells, own in zip(*scene, strict=True))])
     letters = np.cumsum([0, *(len(json.dumps(line)) for line in lines)])
 
     def stop(start: int) -> int:
@@ -124,6 +128,14 @@ def _greys(planes: Sequence[Plane], limits: tuple[float, float]) -> str:
     """Return planes as greys, one after the other, in base64."""
     greys = [to_greys(plane, limits).ravel() for plane in planes if plane is not None]
     return to_text(np.concatenate(greys)) if greys else ''
+
+
+def _levels(planes: Sequence[Plane]) -> dict[str, Any]:
+    """Return the statistic of a chain in each frame: levels, their limits, and their places."""
+    known = [plane.ravel() for plane in planes if plane is not None]
+    limits = excess_range(np.concatenate(known))
+    return {'levels': to_text(to_levels(np.concatenate(known), limits)), 'limits': limits,
+            'places': _places(planes)}
 
 
 def _places(planes: Sequence[Plane]) -> list[int]:

@@ -60,6 +60,29 @@ def to_greys(cells: np.ndarray, limits: tuple[float, float]) -> np.ndarray:
     return np.nan_to_num(greys, copy=False).astype(np.uint8)
 
 
+def excess_range(planes: np.ndarray) -> tuple[float, float]:
+    """Return the lowest and the highest statistic that are told apart, 0 between them [nat]."""
+    known = planes[np.isfinite(planes)]
+    if not known.size:
+        return -1.0, 1.0
+    low, high = np.quantile(known, _DARKEST), known.max()
+    return min(float(low), -1.0), max(float(high), 1.0)
+
+
+def to_levels(excess: np.ndarray, limits: tuple[float, float]) -> np.ndarray:
+    """
+    Return by how much a statistic exceeds its threshold as levels, uint8.
+
+    1 to 127 are below the threshold, 128 to 255 above it, each half in steps of its own, and 0
+    is no statistic.
+    """
+    low, high = limits
+    below = np.clip(127.0 - 126.0 * (excess / low), 1.0, 127.0)
+    above = np.clip(128.0 + 127.0 * (excess / high), 128.0, 255.0)
+    levels = np.where(excess > 0.0, above, below)
+    return np.nan_to_num(levels, copy=False).astype(np.uint8)
+
+
 def stretch(cells: np.ndarray) -> np.ndarray:
     """Return intensities as greys over their own range, see :func:`grey_range`."""
     return to_greys(cells, grey_range(cells))

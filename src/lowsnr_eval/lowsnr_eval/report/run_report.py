@@ -23,8 +23,8 @@ from lowsnr_eval.report.figure_style import render
 from lowsnr_eval.report.html_page import Markup
 from lowsnr_eval.report.table import format_table
 from lowsnr_eval.report.table import unit_of
-from lowsnr_eval.scoring.scene import read_scene
-from lowsnr_eval.scoring.scene import SCENE_FILE
+from lowsnr_eval.scene.scene_files import read_scene
+from lowsnr_eval.scene.scene_files import SCENE_FILE
 from lowsnr_eval.track_metrics.metrics_table import format_metrics
 from lowsnr_eval.track_metrics.reliability_figure import reliability
 import numpy as np
@@ -53,7 +53,7 @@ def write_run_report(folder: Path, command: str) -> Path:
     ----------
     folder
         Folder with ``summary.json`` and ``frames.csv``, and, for the animation, with the files
-        of :class:`lowsnr_eval.scoring.scene.SceneWriter`.
+        of :class:`lowsnr_eval.scene.scene_writer.SceneWriter`.
     command
         Command that repeats the run.
 
@@ -87,11 +87,11 @@ def _page(folder: Path, command: str) -> str:
     parameters = _parameters(folder)
     sections = []
     if (folder / SCENE_FILE).is_file():
-        lines, frames, cells = read_scene(folder)
-        if any(frame is not None for frame in frames):
+        scene = read_scene(folder)
+        if any(frame is not None for frame in scene.frames):
             scored = summary['frames']['scored'] + summary['frames']['unanswered']
             sections.append(pages.section('Frames', animation(
-                lines, frames, cells, scored, _facts(summary, parameters))))
+                scene, scored, _facts(summary, parameters))))
     sections += [
         pages.section('Figures', pages.preformatted(format_table(summary))),
         *_track_metrics(summary),

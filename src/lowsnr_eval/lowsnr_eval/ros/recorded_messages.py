@@ -56,11 +56,12 @@ def score_bag(bag: Bag, chains: RecordedChains, scorer: RunScorer) -> None:
 
 
 class _Pictures:
-    """The frames of a bag, and their conditioned cells with their maps, for a scorer."""
+    """The frames of a bag, conditioned cells with their maps, and statistics, for a scorer."""
 
     def __init__(self, chains: RecordedChains, scorer: RunScorer) -> None:
         self._frames_topic, self._scorer = chains.frames_topic, scorer
-        self.topics = {chains.frames_topic, *chains.cells_topics}
+        self._statistics, self._has_cells = chains.statistics, len(chains.cells_topics) > 1
+        self.topics = {chains.frames_topic, *chains.cells_topics, *chains.statistics}
         # Maps are needed to the end of the bag; images until the scene is full.
         self.images = {topic for topic in self.topics if not topic.endswith('camera_info')}
         self._maps: dict[int, FrameMap] = {}
@@ -69,10 +70,12 @@ class _Pictures:
         """Add a message of a topic that arrived at a time [s]; Malformed for an unusable one."""
         if topic == self._frames_topic:
             self._scorer.add_frame(stamp, _pixels(message), now_s)
+        elif name := self._statistics.get(topic):
+            self._scorer.scene.add_statistic(name, stamp, image_to_array(message))
         elif topic.endswith('camera_info'):
             found = info_to_map(message)
             self._scorer.add_map(stamp, found)
-            if len(self.images) > 1 and not self._scorer.scene.full:
+            if self._has_cells and not self._scorer.scene.full:
                 self._maps[stamp] = found
         elif where := self._maps.pop(stamp, None):
             self._scorer.scene.add_cells(stamp, image_to_array(message), where)

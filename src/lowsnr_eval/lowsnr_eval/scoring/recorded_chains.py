@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from dataclasses import field
+from dataclasses import replace
 from typing import Any
 
 from lowsnr_bringup.bags.bag_frames import check_type
@@ -20,6 +22,7 @@ from lowsnr_common.settings.node_settings import NodeSettings
 from lowsnr_common.settings.node_settings import RunSettings
 from lowsnr_common.settings.text import cell_text
 from lowsnr_common.settings.text import one_line
+from lowsnr_eval.scoring.run_scoring import STATISTIC
 from lowsnr_eval.scoring.run_scoring import TRUTH
 
 _LEVELS = ('detections', 'tracks')
@@ -34,7 +37,8 @@ class RecordedChains:
 
     ``names`` maps each topic of the bag to its name in scoring.  The bag may lack the
     ``frames_topic``.  ``cells_topics`` are those of the maps of conditioned frames, if any, and of
-    these frames, if the bag has them too.
+    these frames, if the bag has them too.  ``statistics`` maps the topics of statistics that the
+    bag has to the names of their chains.
     """
 
     run: RunSettings
@@ -43,6 +47,7 @@ class RecordedChains:
     names: Mapping[str, str]
     frames_topic: str
     cells_topics: tuple[str, ...] = ()
+    statistics: Mapping[str, str] = field(default_factory=dict)
 
 
 def find_chains(
@@ -81,15 +86,18 @@ def find_chains(
     if not truth and not any(bag.topics.get(f'{space}/{_LEVELS[0]}') == ARRAY for space in names):
         raise ValueError(f'{bag.path}: has neither truth nor detections')
     run, evaluation = _settings(bag, config, evaluator, names, truth)
+    statistics = {f'{space}/{STATISTIC}': name for space, name in names.items()
+                  if bag.topics.get(f'{space}/{STATISTIC}') == IMAGE}
     topics = {f'{space}/{level}': f'{name}/{level}' if len(names) > 1 else level
               for space, name in names.items() for level in _LEVELS}
     if truth:
         topics[truth_topic] = TRUTH
     return RecordedChains(
-        run, evaluation, evaluator.get('seed', 0),
+        replace(run, statistic_maps=tuple(statistics.values())), evaluation,
+        evaluator.get('seed', 0),
         {own: topic for own, topic in topics.items() if bag.topics.get(own) == ARRAY},
         frames_topic or recorded_frames_topic(bag, told),
-        _cells_topics(bag))
+        _cells_topics(bag), statistics)
 
 
 def _cells_topics(bag: Bag) -> tuple[str, ...]:

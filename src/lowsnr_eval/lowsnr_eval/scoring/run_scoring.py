@@ -15,6 +15,8 @@ from lowsnr_common.core.records import Truth
 from lowsnr_common.core.timeline import in_seconds
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.node_settings import RunSettings
+from lowsnr_eval.scene.scene_writer import SceneWriter
+from lowsnr_eval.scene.scene_writer import WAITING
 from lowsnr_eval.scoring.camera_table import camera_line
 from lowsnr_eval.scoring.camera_table import open_camera_table
 from lowsnr_eval.scoring.entry_tables import EntryTables
@@ -23,12 +25,10 @@ from lowsnr_eval.scoring.frame_join import Frame
 from lowsnr_eval.scoring.frame_join import FrameJoin
 from lowsnr_eval.scoring.frame_scoring import Answer
 from lowsnr_eval.scoring.frame_scoring import score_frame
-from lowsnr_eval.scoring.scene import SceneWriter
-from lowsnr_eval.scoring.scene import WAITING
 from lowsnr_eval.scoring.score_tables import ScoreTables
 import numpy as np
 
-TRUTH = 'ground_truth'
+TRUTH, STATISTIC = 'ground_truth', 'statistic'
 NO_TRUTH = 'no truth'
 # Frames whose arrival is known while their answers are not.
 _MOST_UNANSWERED = 1000
@@ -47,10 +47,11 @@ class RunScorer:
     """
     Scores the frames of a run and writes its tables; :meth:`close` it at the end.
 
-    ``topics`` are those of the arrays and states that it needs.  Without truth the first chain's
-    detections show that a frame exists, and what was declared is counted, nothing else.  Latencies
-    are the times from the arrival of the truth, or else of the frame, which is one of those that
-    the scene shows; they are not known of others.
+    ``topics`` are those of the arrays and states that it needs, ``statistics`` those of the
+    statistics that its scene takes, with the names of their chains.  Without truth the first
+    chain's detections show that a frame exists, and what was declared is counted, nothing else.
+    Latencies are the times from the arrival of the truth, or else of the frame, which is one of
+    those that the scene shows; they are not known of others.
     ``ledger`` counts the frames that are known to exist and where they went, ``number`` is that
     of the last one scored.  ``tables``, ``entries`` and ``scene`` are the writers of its results;
     the scene takes the frames too.
@@ -83,6 +84,8 @@ class RunScorer:
         self._chains = {
             name: (f'{space.format(name)}detections', f'{space.format(name)}tracks')
             for name in run.detectors}
+        self.statistics = {
+            f'{space.format(name)}{STATISTIC}': name for name in run.statistic_maps}
         answers = [topic for pair in self._chains.values() for topic in pair]
         self.topics = [TRUTH, *answers] if run.truth else answers
         self._key = self.topics[0]
@@ -95,7 +98,8 @@ class RunScorer:
         self.entries = EntryTables(folder, cell_size_m, self.tables.number if resumed else None)
         self._camera = open_camera_table(folder, resumed) if conditioned else None
         self.scene = SceneWriter(
-            folder, cell_size_m, resumed, conditioned, WAITING + run.longest_lag)
+            folder, cell_size_m, resumed, conditioned, WAITING + run.longest_lag,
+            run.statistic_maps)
         self._join = FrameJoin(self.topics, self._key, self.tables.stamp_ns, run.longest_lag)
         self.number = self.tables.number
         self.ledger = FrameLedger(self.number)

@@ -5,6 +5,11 @@ const bytes = text => Uint8Array.from(atob(text), c => c.charCodeAt(0));
 const lines = scene.lines, small = document.createElement('canvas'), plots = {};
 const {truth: TRUTH, detection: DETECTION, identities: COLOURS} = scene.colours;
 const MOST_ROWS = 12, LEAST_CELLS = .25, GREY = '#bbb', NOTHING = {detections: [], tracks: []};
+// Colours of levels: greys, and those of a statistic below and above its threshold, none black.
+const GREYS = Uint32Array.from({length: 256}, (_, n) => 0xff000000 | n * 0x10101);
+const LEVELS = Uint32Array.from({length: 256}, (_, n) => n < 128
+  ? mix([20, 24, 48], [176, 186, 204], (n - 1) / 126) : mix([255, 228, 92], [190, 10, 20], (n - 128) / 127));
+LEVELS[0] = 0xff000000;
 const TIMES = ['existence', 'identities', 'alarms'];
 let now = 0, timer = null, following = !!scene.live, sized = null, whole = null, part = null, owners = new Map();
 for (const name of scene.chains) get('chain').add(new Option(name, name));
@@ -15,12 +20,30 @@ if (scene.chains.length < 2) get('chain').hidden = true;
     if (line.place >= 0) line.greys = frames.subarray(line.place);
     if (line.cells_place >= 0) line.cells.greys = cells.subarray(line.cells_place);
   }
+  for (const [name, own] of Object.entries(scene.statistics || {})) {
+    const levels = bytes(own.levels);
+    lines.forEach((line, n) => {
+      if (own.places[n] >= 0) Object.assign(line.chains[name].statistic, {
+        levels: levels.subarray(own.places[n]), limits: own.limits});
+    });
+  }
 }
 get('beside').hidden = !scene.cells.length;
 
 const answerOf = line => line.chains[get('chain').value] || NOTHING;
 const list = items => items || [];
 const count = (n, what) => `${n} ${what}${n === 1 ? '' : 's'}`;
+
+// Returns the colour between two as a picture has it.
+function mix(from, to, share) {
+  const [r, g, b] = from.map((value, n) => Math.round(value + share * (to[n] - value)));
+  return (0xff000000 | b << 16 | g << 8 | r) >>> 0;
+}
+
+// Returns the bar of the greys between two intensities.
+function greyBar([low, high, name]) {
+  return {values: [low, (low + high) / 2, high], name, inks: GREYS};
+}
 
 // Returns the colour of an identity: that of its place among those of the chain.
 function colourOf(id) {
@@ -48,12 +71,12 @@ function begin(id, {x, y}, bar) {
   return plots[id];
 }
 
-// Draws greys; the corner of the first lies at a pixel of the frame, and each covers so many.
-function paint({pen, X, Y}, greys, [rows, cols], [x, y], side) {
+// Draws levels; the corner of the first lies at a pixel of the frame, and each covers so many.
+function paint({pen, X, Y}, levels, [rows, cols], [x, y], side, inks = GREYS) {
   small.width = cols;
   small.height = rows;
   const image = new ImageData(cols, rows), ink = new Uint32Array(image.data.buffer);
-  for (let n = 0; n < rows * cols; n++) ink[n] = 0xff000000 | greys[n] * 0x10101;
+  for (let n = 0; n < rows * cols; n++) ink[n] = inks[levels[n]];
   small.getContext('2d').putImageData(image, 0, 0);
   pen.imageSmoothingEnabled = false;
   pen.drawImage(small, X(x), Y(y), X(x + cols * side) - X(x), Y(y + rows * side) - Y(y));
@@ -278,15 +301,27 @@ function drawAlarms() {
 }
 
 function drawFrame(line, answer) {
-  let axes = begin('view', part || whole, line.values || scene.values.frames);
+  let axes = begin('view', part || whole, greyBar(line.values || scene.values.frames));
   if (line.greys) paint(axes, line.greys, line.shape, [-.5, -.5], line.step);
   annotate(axes, line, answer);
+  drawStatistic(line, answer);
   if (get('beside').hidden) return;
-  axes = begin('cells', part || whole, scene.values.cells);
+  axes = begin('cells', part || whole, greyBar(scene.values.cells));
   if (line.cells && line.cells.greys) {
     paint(axes, line.cells.greys, line.cells.shape, line.cells.corner, line.cells.side);
   }
   annotate(axes, line, answer);
+}
+
+// Draws the statistic of the chain, if it publishes one; the marks of tracks would hide it.
+function drawStatistic(line, answer) {
+  get('tested').hidden = !lines.some(each => answerOf(each).statistic);
+  if (get('tested').hidden) return;
+  const {levels, limits: [low, high] = [-1, 1], shape, corner, side} = answer.statistic || {};
+  const bar = {values: [low, 0, high], name: 'nat', inks: LEVELS.subarray(1)};
+  const axes = begin('statistic', part || whole, bar);
+  if (levels) paint(axes, levels, shape, corner, side, LEVELS);
+  annotate(axes, line, {detections: answer.detections});
 }
 
 // Puts a line at the frame that is shown into each diagram over the frames.
@@ -427,7 +462,7 @@ for (const id of TIMES) {
     go(lines.findLastIndex(line => line.frame - .5 <= frame));
   };
 }
-for (const id of ['view', 'cells', 'plane']) {
+for (const id of ['view', 'cells', 'statistic', 'plane']) {
   const canvas = get(id);
   const at = event => [plots[id].fromX(event.offsetX), plots[id].fromY(event.offsetY)];
   canvas.ondblclick = event => zoom(2, at(event));

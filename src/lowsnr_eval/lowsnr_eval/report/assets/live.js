@@ -3,15 +3,23 @@
 const MOST_LINES = 1000, MOST_CELLS = 2 ** 25;
 let held = 0, shown = 0, awaited = false, patience = 1000, known = null;
 
+// Returns how many cells a frame and its statistic have.
+function size({greys, chains}) {
+  return Object.values(chains).reduce((sum, {statistic}) => sum + (statistic?.levels.length || 0), greys.length);
+}
+
 function take(line) {
   const last = lines[lines.length - 1];
   if (last && line.stamp_s <= last.stamp_s) lines.length = held = shown = now = 0;
   line.frame = ++shown;
   line.greys = bytes(line.greys);
-  held += line.greys.length;
+  for (const {statistic} of Object.values(line.chains)) {
+    if (statistic) statistic.levels = bytes(statistic.levels);
+  }
+  held += size(line);
   lines.push(line);
   while (lines.length > MOST_LINES || held > MOST_CELLS) {
-    held -= lines.shift().greys.length;
+    held -= size(lines.shift());
     now = Math.max(now - 1, 0);
   }
   scene.asked[get('chain').value] = line.asked;

@@ -19,8 +19,9 @@ function short(value) {
 
 // Clears a canvas and draws axes; returns the pen, clipped to the axes, and the places of values.
 // ``x`` and ``y`` are the values at left and right, and at bottom and top.  ``height`` is that of
-// the axes [CSS pixels]; without one a unit is as long on both axes.  ``bar`` is the range of the
-// grey values and their name; ``rows`` are names in place of the values of y.
+// the axes [CSS pixels]; without one a unit is as long on both axes.  ``bar`` holds the values at
+// the bottom, in the middle and at the top of a bar beside the axes, what they are, and the colours
+// from bottom to top; ``rows`` are names in place of the values of y.
 function plot(canvas, {x, y, labels, height, bar, rows}) {
   const ratio = window.devicePixelRatio || 1, width = canvas.parentElement.clientWidth;
   const left = MARGIN.left + (height ? 24 : 0), right = bar ? BAR : MARGIN.right;
@@ -44,7 +45,7 @@ function plot(canvas, {x, y, labels, height, bar, rows}) {
                 fromX: place => x[0] + (place - left) / across * (x[1] - x[0]),
                 fromY: place => y[1] - (place - MARGIN.top) / height * (y[1] - y[0])};
   scales(made, labels, rows);
-  if (bar) greyBar(made, bar);
+  if (bar) colourBar(made, bar);
   pen.beginPath();
   pen.rect(left, MARGIN.top, across, height);
   pen.clip();
@@ -84,19 +85,23 @@ function scales({pen, X, Y, x, y, left, across, height}, labels, rows) {
   pen.restore();
 }
 
-// Draws the bar of the greys beside the axes.
-function greyBar({pen, left, across, height}, [low, high, name]) {
-  const from = left + across + 8, ramp = pen.createLinearGradient(0, MARGIN.top + height, 0, MARGIN.top);
-  ramp.addColorStop(0, '#000');
-  ramp.addColorStop(1, '#fff');
-  pen.fillStyle = ramp;
-  pen.fillRect(from, MARGIN.top, 10, height);
+// Returns a colour as CSS has it, of one as a picture has it.
+const css = ink => `rgb(${ink & 255} ${ink >> 8 & 255} ${ink >> 16 & 255})`;
+
+// Draws the bar of the colours beside the axes.
+function colourBar({pen, left, across, height}, {values, name, inks}) {
+  const from = left + across + 8, step = height / inks.length;
+  inks.forEach((ink, n) => {
+    pen.fillStyle = css(ink);
+    pen.fillRect(from, MARGIN.top + height - (n + 1) * step, 10, step + .5);
+  });
   pen.strokeRect(from, MARGIN.top, 10, height);
   pen.fillStyle = INK;
   pen.textAlign = 'left';
-  for (const [value, place] of [[low, height - 5], [(low + high) / 2, height / 2], [high, 6]]) {
+  values.forEach((value, n) => {
+    const place = [height - 5, height / 2, 6][n];
     pen.fillText(short(+value.toPrecision(3)), from + 13, MARGIN.top + place);
-  }
+  });
   pen.textAlign = 'right';
   pen.fillText(name, from + BAR - 8, MARGIN.top + height + 32);
 }
