@@ -66,26 +66,30 @@ def gate(
         Indices of the detections in each gate; -1 fills the rows.
 
     """
-    low, high = particles.box[:, :1], particles.box[:, 1:]
-    margin = np.sqrt(bound * np.diagonal(measured.cov, axis1=-2, axis2=-1))
-    inside = np.all(
-        (measured.position + margin >= low) & (measured.position - margin <= high), axis=-1)
-    most = int(np.max(np.sum(inside, axis=1), initial=0))
-    distance = np.where(inside, 0.0, np.inf)
+    inside = np.ones((len(particles.box), len(measured)), dtype=bool)
+    for axis in (0, 1):
+        at, margin = measured.position[:, axis], np.sqrt(bound * measured.cov[:, axis, axis])
+        low, high = particles.box[:, 0, axis, None], particles.box[:, 1, axis, None]
+        inside &= (at + margin >= low) & (at - margin <= high)
+    track, detection = np.nonzero(inside)
+    number = inside.sum(axis=1)
+    most = int(number.max(initial=0))
     if most > max_gated:
-        mean, cov = (part[..., POS] for part in particles.moments)
-        distance[inside] = _distance(measured, mean, cov[:, POS], inside)
-    gated = np.argsort(distance, axis=1, kind='stable')[:, :min(max_gated, most)]
-    return np.where(np.take_along_axis(inside, gated, axis=1), gated, -1)
+        nearest_first = np.lexsort((_distance(particles, measured, track, detection), track))
+        detection = detection[nearest_first]
+    column = np.arange(track.size) - np.repeat(np.cumsum(number) - number, number)
+    gated = np.full((len(inside), most), -1)
+    gated[track, column] = detection
+    return gated[:, :max_gated]
 
 
 def _distance(
-    measured: Measurements, mean: np.ndarray, cov: np.ndarray, inside: np.ndarray,
+    particles: Particles, measured: Measurements, track: np.ndarray, detection: np.ndarray,
 ) -> np.ndarray:
     """Return the squared Mahalanobis distance of each detection from its track."""
-    track, detection = np.nonzero(inside)
+    mean, cov = (part[..., POS] for part in particles.moments)
     offset = measured.position[detection] - mean[track]
-    spread = cov[track] + measured.cov[detection]
+    spread = cov[:, POS][track] + measured.cov[detection]
     squared: np.ndarray = np.sum(
         offset * np.linalg.solve(spread, offset[..., None])[..., 0], axis=-1)
     return squared
@@ -113,16 +117,17 @@ def log_likelihoods(
 
     """
     density = np.full((*gated.shape, particles.modes.shape[-1]), -np.inf)
-    _fill_log_gaussians(particles, measured, gated, density)
+    _fill_log_gaussians(particles, measured, np.zeros(gated.shape), gated, density)
     return density
 
 
 def _fill_log_gaussians(
-    particles: Particles, measured: Measurements, gated: np.ndarray, density: np.ndarray,
+    particles: Particles, measured: Measurements, log_scale: np.ndarray, gated: np.ndarray,
+    density: np.ndarray,
 ) -> None:
     track_kernels.log_gaussians(
         np.ascontiguousarray(particles.states), np.ascontiguousarray(measured.position),
-        np.ascontiguousarray(measured.cov), gated, density)
+        np.ascontiguousarray(measured.cov), log_scale, gated, density)
 
 
 def likelihood_ratios(
@@ -152,11 +157,11 @@ def likelihood_ratios(
     """
     # Memory of zeros that nothing touches costs nothing.
     ratio, mean = np.zeros((*gated.shape, particles.modes.shape[-1])), np.zeros(gated.shape)
-    _fill_log_gaussians(particles, measured, gated, ratio)
-    for t, g in zip(*np.nonzero(gated >= 0)):
-        row = np.exp(ratio[t, g], out=ratio[t, g])
-        row *= scale[t, g]
-        mean[t, g] = row @ particles.weights[t]
+    _fill_log_gaussians(particles, measured, np.log(scale), gated, ratio)
+    weights = particles.weights
+    for t, g in zip(*(index.tolist() for index in np.nonzero(gated >= 0))):
+        row = ratio[t, g]
+        mean[t, g] = np.exp(row, row) @ weights[t]
     return ratio, mean
 
 
@@ -191,8 +196,8 @@ def associate(
     with np.errstate(divide='ignore'):
         log_psi = np.log(mean) + (np.log(existence) - np.log1p(-detected * existence))[:, None]
     log_nu = log_exclusion(log_psi, gated)
-    log_sum = track_kernels.log_mixtures(ratio, np.exp(log_nu), 1.0 - detected, gated)
-    return log_sum, association_probabilities(log_psi, log_nu)
+    mixture = track_kernels.mixtures(ratio, np.exp(log_nu), 1.0 - detected, gated)
+    return np.log(mixture, mixture), association_probabilities(log_psi, log_nu)
 
 
 def association_probabilities(log_psi: np.ndarray, log_nu: np.ndarray) -> np.ndarray:

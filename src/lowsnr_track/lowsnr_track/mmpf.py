@@ -20,6 +20,7 @@ from lowsnr_common.core.motion import POS
 from lowsnr_common.core.motion import process_noise_sqrt
 from lowsnr_common.core.particles import systematic_resample
 from lowsnr_track import track_kernels
+from lowsnr_track.particles import normalised
 from lowsnr_track.particles import paired_noise
 from lowsnr_track.particles import Particles
 import numpy as np
@@ -133,8 +134,7 @@ def update(
         Log of the likelihood averaged over the prior; -inf where every one is zero.
 
     """
-    log_weights, weights, log_evidence = track_kernels.reweigh(
-        particles.log_weights, log_likelihood)
+    log_weights, weights, log_evidence = normalised(particles.log_weights + log_likelihood)
     after = replace(particles, log_weights=log_weights)
     after.__dict__['weights'] = weights
     return after, log_evidence
@@ -180,9 +180,10 @@ def resample(
     draw = np.full(len(chosen), -1)
     draw[low] = np.arange(low.size)
     drawn = systematic_resample(power * particles.log_weights[source], count, rng)
-    states, modes, log_weights, weights = track_kernels.drawn_particles(
-        particles.states, particles.modes, particles.log_weights, particles.weights, chosen,
-        draw, drawn, 1.0 - power)
+    states, modes, log_weights = track_kernels.drawn_particles(
+        particles.states, particles.modes, particles.log_weights, chosen, draw, drawn)
+    weights = particles.weights[chosen]
+    log_weights[low], weights[low], _ = normalised((1.0 - power) * log_weights[low])
     width = min(roughening * count**-0.25, 1.0)
     if width > 0.0:
         mean, cov = (part[source] for part in particles.moments)

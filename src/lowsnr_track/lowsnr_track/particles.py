@@ -72,6 +72,38 @@ class Particles:
         return probability
 
 
+def normalised(log_weights: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """
+    Scale weights to sum to one.
+
+    Parameters
+    ----------
+    log_weights : (..., N) ndarray
+        Log weights; the array is overwritten.
+
+    Returns
+    -------
+    (..., N) ndarray
+        Normalised log weights; uniform where every weight is zero.
+    (..., N) ndarray
+        The weights themselves.
+    (...,) ndarray
+        Log of the sum of the weights; -inf where every weight is zero.
+
+    """
+    peak = log_weights.max(axis=-1, keepdims=True)
+    dead = peak[..., 0] == -np.inf
+    if dead.any():
+        log_weights[dead], peak[dead] = 0.0, 0.0
+    log_weights -= peak
+    weights = np.exp(log_weights)
+    total = weights.sum(axis=-1, keepdims=True)
+    weights /= total
+    log_weights -= np.log(total)
+    log_sum = (peak + np.log(total))[..., 0]
+    return log_weights, weights, np.where(dead, -np.inf, log_sum)
+
+
 def equally_weighted(states: np.ndarray, modes: np.ndarray) -> Particles:
     """Return particles of equal weight, from states (..., N, 4) and modes (..., N)."""
     return Particles(states, modes, np.full(modes.shape, -np.log(modes.shape[-1])))
@@ -81,13 +113,15 @@ def concatenate(first: Particles, second: Particles) -> Particles:
     """Return the filters of both, one after the other along the first axis."""
     if len(first.modes) == 0:  # which does not say whether there are destinations
         return second
-    return Particles(
+    both = Particles(
         np.concatenate([first.states, second.states]),
         np.concatenate([first.modes, second.modes]),
         np.concatenate([first.log_weights, second.log_weights]),
         first.bound and second.bound and Bound(
             np.concatenate([first.bound.place, second.bound.place]),
             np.concatenate([first.bound.arrival, second.bound.arrival])))
+    both.__dict__['weights'] = np.concatenate([first.weights, second.weights])
+    return both
 
 
 def paired_noise(count: int, axes: int, rng: np.random.Generator) -> np.ndarray:

@@ -87,69 +87,31 @@ def moments(states: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 @compiled
-def reweigh(
-    log_weights: np.ndarray, log_likelihood: np.ndarray,
+def drawn_particles(
+    states: np.ndarray, modes: np.ndarray, log_weights: np.ndarray, chosen: np.ndarray,
+    draw: np.ndarray, drawn: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
-    Return normalised log weights and weights (T, N) after a likelihood, and log sums (T,).
-
-    Where every weight is zero, the weights are uniform and the log sum is -inf.
-    """
-    tracks, count = log_weights.shape
-    after, weights, log_sums = (
-        np.empty((tracks, count)), np.empty((tracks, count)), np.empty(tracks))
-    for t in range(tracks):
-        peak = -np.inf
-        for n in range(count):
-            after[t, n] = log_weights[t, n] + log_likelihood[t, n]
-            peak = max(peak, after[t, n])
-        if peak == -np.inf:
-            after[t], weights[t], log_sums[t] = -np.log(count), 1.0 / count, -np.inf
-            continue
-        total = 0.0
-        for n in range(count):
-            weights[t, n] = np.exp(after[t, n] - peak)
-            total += weights[t, n]
-        log_sums[t] = peak + np.log(total)
-        scale = 1.0 / total
-        for n in range(count):
-            after[t, n] -= log_sums[t]
-            weights[t, n] *= scale
-    return after, weights, log_sums
-
-
-@compiled
-def drawn_particles(
-    states: np.ndarray, modes: np.ndarray, log_weights: np.ndarray, weights: np.ndarray,
-    chosen: np.ndarray, draw: np.ndarray, drawn: np.ndarray, rest: float,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """
-    Return states, modes, log weights and weights of the chosen tracks (C,), copied or drawn.
+    Return states, modes and log weights of the chosen tracks (C,), copied or drawn.
 
     Track ``chosen[i]`` is copied where ``draw[i]`` is -1.  Otherwise its particles are those of
-    the indices ``drawn[draw[i]]`` (N,), and the power ``rest`` of their weights is their weight.
+    the indices ``drawn[draw[i]]`` (N,).
     """
     size, count = len(chosen), modes.shape[1]
     after, mode = np.empty((size, count, 4)), np.empty((size, count), modes.dtype)
-    logs, linear = np.empty((size, count)), np.empty((size, count))
+    logs = np.empty((size, count))
     for i in range(size):
         t = chosen[i]
         if draw[i] < 0:
-            after[i], mode[i], logs[i], linear[i] = (
-                states[t], modes[t], log_weights[t], weights[t])
+            after[i], mode[i], logs[i] = states[t], modes[t], log_weights[t]
             continue
-        peak, total = rest * log_weights[t].max(), 0.0
         for n in range(count):
             source = drawn[draw[i], n]
             for axis in range(4):
                 after[i, n, axis] = states[t, source, axis]
             mode[i, n] = modes[t, source]
-            logs[i, n] = rest * log_weights[t, source] - peak
-            linear[i, n] = np.exp(logs[i, n])
-            total += linear[i, n]
-        logs[i] -= np.log(total)
-        linear[i] /= total
-    return after, mode, logs, linear
+            logs[i, n] = log_weights[t, source]
+    return after, mode, logs
 
 
 @compiled
@@ -177,10 +139,10 @@ def roughen(
 
 
 @compiled
-def log_mixtures(
+def mixtures(
     ratio: np.ndarray, factor: np.ndarray, none: np.ndarray, gated: np.ndarray,
 ) -> np.ndarray:
-    """Return ``log(none_t + sum_g factor_tg ratio_tgn)`` over the detections in gates, (T, N)."""
+    """Return ``none_t + sum_g factor_tg ratio_tgn`` over the detections in gates, (T, N)."""
     tracks, size, count = ratio.shape
     mixture = np.empty((tracks, count))
     for t in range(tracks):
@@ -189,19 +151,19 @@ def log_mixtures(
             if gated[t, g] >= 0:
                 for n in range(count):
                     mixture[t, n] += factor[t, g] * ratio[t, g, n]
-    return np.log(mixture)
+    return mixture
 
 
 @compiled
 def log_gaussians(
-    states: np.ndarray, position: np.ndarray, cov: np.ndarray, gated: np.ndarray,
-    density: np.ndarray,
+    states: np.ndarray, position: np.ndarray, cov: np.ndarray, log_scale: np.ndarray,
+    gated: np.ndarray, density: np.ndarray,
 ) -> None:
     """
     Fill in the log density of positions (m, 2) with covariance (m, 2, 2) at states (T, N, 4).
 
     ``gated`` (T, G) chooses the positions for each track, -1 for none, for which nothing is filled
-    into ``density`` (T, G, N).
+    into ``density`` (T, G, N); ``log_scale`` (T, G) is added.
     """
     for t in range(len(states)):
         for g in range(gated.shape[1]):
@@ -212,7 +174,7 @@ def log_gaussians(
             determinant = xx * yy - xy**2
             of_x, of_y = -0.5 * yy / determinant, -0.5 * xx / determinant
             of_both = xy / determinant
-            constant = np.log(2.0 * np.pi) + 0.5 * np.log(determinant)
+            constant = np.log(2.0 * np.pi) + 0.5 * np.log(determinant) - log_scale[t, g]
             z_x, z_y, out = position[j, 0], position[j, 1], density[t, g]
             for n in range(states.shape[1]):
                 dx, dy = z_x - states[t, n, 0], z_y - states[t, n, 2]

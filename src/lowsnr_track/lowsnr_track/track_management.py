@@ -110,15 +110,17 @@ class TrackLife:
         mean, cov = tracks.particles.moments
         # A distance is at least that along any one axis.
         variance = np.diagonal(cov, axis1=-2, axis2=-1)
-        near = np.triu(np.ones((len(tracks),) * 2, dtype=bool), 1)
+        reach = self.merge_distance * np.sqrt(variance[:, POS[0]].max() + 1e-12)
+        one, two = np.nonzero(np.triu(abs(mean[:, None, POS[0]] - mean[:, POS[0]]) <= reach, 1))
         for axis in POS:
-            offset = mean[:, None, axis] - mean[:, axis]
-            spread = (variance[:, None, axis] + variance[:, axis]) / 2.0 + 1e-12
-            near &= offset**2 <= self.merge_distance**2 * spread
-        one, two = np.nonzero(near)
+            offset = mean[one, axis] - mean[two, axis]
+            spread = (variance[one, axis] + variance[two, axis]) / 2.0 + 1e-12
+            close = offset**2 <= self.merge_distance**2 * spread
+            one, two = one[close], two[close]
         offset = mean[one] - mean[two]
         spread = (cov[one] + cov[two]) / 2.0 + 1e-12 * np.eye(4)
         squared = np.sum(offset * np.linalg.solve(spread, offset[..., None])[..., 0], axis=-1)
+        near = np.zeros((len(tracks),) * 2, dtype=bool)
         near[one, two] = squared <= self.merge_distance**2
         return near | near.T
 

@@ -224,7 +224,8 @@ def start_tracks(
     factor = np.linalg.cholesky(measured.cov)
     noise = paired_noise(count, 2, rng) @ np.swapaxes(factor, -1, -2)
     states[..., POS] = measured.position[:, None] + noise
-    states[..., VEL] = motion.draw_velocity((count,), rng)
+    velocity = motion.draw_velocity((count - count // 2,), rng)
+    states[..., VEL] = np.concatenate([velocity, -velocity[:count // 2]])
     modes = np.tile(rng.integers(motion.count, size=count), (tracks, 1))
     ids = np.arange(first_id, first_id + tracks)
     particles = equally_weighted(states, modes)

@@ -122,11 +122,13 @@ def systematic_indices(weights: np.ndarray, draw: np.ndarray, count: int) -> np.
         if last < 0:
             edges[:] = np.arange(1, size + 1)
             total, last = float(size), size - 1
-        n = 0
+        # The first point beyond each edge; a point draws as many particles as edges are before it.
+        first, scale = np.zeros(count + 1, dtype=np.intp), count / total
+        for n in range(size):
+            first[min(max(int(np.ceil(edges[n] * scale - draw[run])), 0), count)] += 1
+        passed = 0
         for i in range(count):
-            point = (i + draw[run]) / count
+            passed += first[i]
             # A point that rounding puts at 1.0 belongs to the last particle with weight.
-            while n < last and edges[n] / total <= point:
-                n += 1
-            chosen[run, i] = n
+            chosen[run, i] = min(passed, last)
     return chosen
