@@ -67,6 +67,31 @@ def test_sums_over_stripes_and_blocks_are_their_definitions(rng, shape):
         np.testing.assert_allclose(found, wanted, **CLOSE)
 
 
+@pytest.mark.parametrize('regions', [2, 3, 64])
+@pytest.mark.parametrize('binning', [1, 2])
+def test_regions_give_the_same_bits(rng, regions, binning):
+    """A moving camera, stripes, wide changes of level, outliers and pixels without a value."""
+    whole = ConditioningSettings(
+        warm_up_frames=2, binning=binning, noise_floor=0.0, limit=6.0)
+    parts, shape = replace(whole, regions=regions), (203, 150)
+    scene_of_all = 40.0 * np.kron(rng.standard_normal((56, 44)), np.ones((4, 4)))
+    states = whole.init(shape), parts.init(shape)
+    for k in range(9):
+        frame = scene_of_all[k:k + shape[0], :shape[1]] + rng.standard_normal(shape)
+        frame[:, ::7] += 3.0 * (k > 4)
+        frame[:100, :75] += 5.0 * (k > 6)
+        frame[rng.random(shape) < 0.01] = np.nan
+        found = [one.step(state, frame) for one, state in zip((whole, parts), states)]
+        states = found[0][0], found[1][0]
+        assert found[0][1].cells.tobytes() == found[1][1].cells.tobytes()
+    assert found[0][1].cells.any()
+    assert np.any(states[0].position)
+    for name in ('local', 'trace', 'before', 'cell_variance'):
+        assert getattr(states[0], name).tobytes() == getattr(states[1], name).tobytes()
+    for one, two in zip(states[0].planes, states[1].planes):
+        assert one.tobytes() == two.tobytes()
+
+
 @pytest.mark.parametrize('shape', [(1, 1), *SHAPES])
 def test_variance_of_the_surroundings_is_its_definition_to_the_bit(rng, shape):
     total, before = (single(rng.uniform(0.5, 9.0, shape)) for _ in range(2))

@@ -26,6 +26,7 @@ from types import TracebackType
 from typing import NoReturn
 import warnings
 
+from lowsnr_common.core.process_setup import keep_freed_memory
 from lowsnr_common.core.process_setup import LIFELINE
 from setproctitle import getproctitle
 from setproctitle import setproctitle
@@ -135,6 +136,7 @@ def main() -> None:
     """Import, then fork nodes as bring-up asks for them; arguments: channel, further modules."""
     getproctitle()  # only while the environment is that of the start can it find its title
     channel = socket.socket(fileno=int(sys.argv[1]))
+    keep_freed_memory()  # a forked node would keep heaps of the threads that an import starts
     for name in (*_PRELOADED, *sys.argv[2:]):
         module_of_node = importlib.import_module(name)
         if hasattr(module_of_node, 'preload'):

@@ -21,7 +21,7 @@ LIFELINE = 'LOWSNR_LIFELINE'
 FAILED, USAGE_ERROR, SHUT_DOWN = 1, 2, 3
 INTERRUPTED, TERMINATED = 128 + signal.SIGINT, 128 + signal.SIGTERM
 # Parameters of mallopt(3), as malloc.h numbers them.
-_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
+_TRIM_THRESHOLD, _MMAP_THRESHOLD, _ARENA_MAX = -1, -3, -8
 _KEPT_BYTES = 2**30
 
 
@@ -101,11 +101,13 @@ def end_with_starter() -> StarterLine:
 
 def keep_freed_memory() -> None:
     """
-    Have the C library keep up to 1 GiB of freed memory for later allocations.
+    Have the C library keep up to 1 GiB of freed memory for later allocations of any thread.
 
     By default it returns large arrays to the kernel, which clears every page of the next ones:
-    for a frame of 2048 x 2048 cells that takes as long as the detector.  Without the GNU C
-    library nothing changes.
+    for a frame of 2048 x 2048 cells that takes as long as the detector.  The threads of the
+    middleware would have a heap each, whose size no frame of 4096 x 4096 pixels fits; all share
+    one instead.  Call it before the process starts a thread.  Without the GNU C library nothing
+    changes.
     """
     if sys.platform != 'linux':
         return
@@ -113,3 +115,4 @@ def keep_freed_memory() -> None:
     if mallopt is not None:
         mallopt(_MMAP_THRESHOLD, _KEPT_BYTES)
         mallopt(_TRIM_THRESHOLD, _KEPT_BYTES)
+        mallopt(_ARENA_MAX, 1)

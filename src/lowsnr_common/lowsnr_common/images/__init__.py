@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Images as cameras send them, without ROS: encodings and compression."""
+"""Images without ROS: encodings and compression of cameras, and bands of rows for threads."""

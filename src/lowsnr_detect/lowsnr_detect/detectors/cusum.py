@@ -22,8 +22,8 @@ from dataclasses import field
 from typing import ClassVar
 
 from lowsnr_common.core.motion import MotionModes
+from lowsnr_common.images.bands import in_bands
 from lowsnr_common.settings.declare import setting
-from lowsnr_detect.parts.bands import in_bands
 from lowsnr_detect.parts.cell_detector import CellDetector
 from lowsnr_detect.parts.detector import CORRELATED_FRAMES
 from lowsnr_detect.parts.moves import best_vicinity

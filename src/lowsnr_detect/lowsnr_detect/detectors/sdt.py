@@ -35,8 +35,8 @@ from typing import Self
 from lowsnr_common.core.destination import Destination
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.core.motion import MotionModes
+from lowsnr_common.images.bands import in_bands
 from lowsnr_common.settings.declare import setting
-from lowsnr_detect.parts.bands import in_bands
 from lowsnr_detect.parts.cell_detector import CellDetector
 from lowsnr_detect.parts.destination_moves import log_destination_terms
 from lowsnr_detect.parts.detector import Declarations

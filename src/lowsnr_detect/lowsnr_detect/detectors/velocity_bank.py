@@ -27,8 +27,8 @@ from dataclasses import replace
 import functools
 from typing import ClassVar
 
+from lowsnr_common.images.bands import in_bands
 from lowsnr_common.settings.declare import setting
-from lowsnr_detect.parts.bands import in_bands
 from lowsnr_detect.parts.bank_kernels import extend_bank
 from lowsnr_detect.parts.bank_kernels import LARGEST
 from lowsnr_detect.parts.cell_detector import CellDetector

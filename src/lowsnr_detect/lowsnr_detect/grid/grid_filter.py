@@ -9,9 +9,9 @@ frame between them.
 
 from __future__ import annotations
 
+from lowsnr_common.images.bands import in_bands
 from lowsnr_detect.grid import grid_kernels
 from lowsnr_detect.grid.grid_kernels import BLOCK
-from lowsnr_detect.parts.bands import in_bands
 from lowsnr_detect.parts.moves import MoveModel
 from lowsnr_detect.parts.moves import shifted
 import numpy as np

@@ -14,8 +14,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 import functools
 
+from lowsnr_common.images.bands import in_bands
 from lowsnr_detect.grid import transition_kernels
-from lowsnr_detect.parts.bands import in_bands
 import numpy as np
 
 

@@ -17,7 +17,7 @@ from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.core.motion import MotionModes
 from lowsnr_common.core.motion import POS
 from lowsnr_common.core.motion import VEL
-from lowsnr_detect.parts.bands import in_bands
+from lowsnr_common.images.bands import in_bands
 from lowsnr_detect.parts.path_kernels import best_moves
 import numpy as np
 

@@ -17,15 +17,15 @@ _ONE, _ZERO = np.float32(1.0), np.float32(0.0)
 @compiled
 def filter_pixels(
     values: np.ndarray, row_weights: np.ndarray, row_start: int, row_scale: np.ndarray,
-    col_weights: np.ndarray, col_start: int, col_scale: np.ndarray, stride: int,
-    cells: np.ndarray,
+    col_weights: np.ndarray, col_start: int, col_scale: np.ndarray, stride: int, top: int,
+    bottom: int, cells: np.ndarray,
 ) -> None:
-    """Write the cells of the matched filter."""
+    """Write some rows of the cells of the matched filter."""
     rows, cols = values.shape
     left = max(-col_start, 0)
     size = left + abs(col_start) + max(cols, stride * cells.shape[1]) + len(col_weights) + stride
     line = np.empty(size, dtype=np.float32)
-    for cell in range(cells.shape[0]):
+    for cell in range(top, bottom):
         first = row_start + stride * cell
         line[:] = _ZERO
         here = line[left:left + cols]
@@ -60,13 +60,13 @@ def _gather(
 
 @compiled
 def limit_transients(
-    cells: np.ndarray, before: np.ndarray, reach: int, scalars: tuple[float, float],
-    out: np.ndarray,
+    cells: np.ndarray, before: np.ndarray, reach: int, scalars: tuple[float, float], first: int,
+    last: int, out: np.ndarray,
 ) -> None:
-    """Write the cells, limited where nothing near them in the frame before is as bright."""
+    """Write some rows of the cells, limited where nothing near them in the frame before is as bright."""
     rows, cols = cells.shape
     least, brighter = scalars
-    for row in range(rows):
+    for row in range(first, last):
         for col in range(cols):
             value = cells[row, col]
             if value > least:
@@ -125,16 +125,20 @@ def _running(sums: np.ndarray, reach: int, wide: np.ndarray) -> None:
 @compiled
 def cell_noise(
     flat: np.ndarray, trace: np.ndarray, persistence: float, unit: float, local: np.ndarray,
-    limits: tuple[float, float], out: np.ndarray, new_trace: np.ndarray, total: np.ndarray,
-    count: np.ndarray,
+    limits: tuple[float, float], first: int, last: int, out: np.ndarray,
+    new_trace: np.ndarray, total: np.ndarray, count: np.ndarray,
 ) -> None:
-    """Write cells over their noise, their fading sum, and sums and numbers of its squares."""
+    """
+    Write cells over their noise, their fading sum, and sums and numbers of its squares.
+
+    It does so for the rows of the blocks from ``first`` to before ``last``.
+    """
     rows, cols = flat.shape
     cut, mean_square = np.float32(limits[0]), np.float32(limits[1])
     keep, over = np.float32(persistence), _ONE / np.float32(unit)
     around = np.empty(cols, dtype=np.float32)
     sums, numbers = np.empty(cols, dtype=np.float32), np.empty(cols, dtype=np.float32)
-    for block in range(total.shape[0]):
+    for block in range(first, last):
         sums[:] = _ZERO
         numbers[:] = _ZERO
         for col in range(cols):

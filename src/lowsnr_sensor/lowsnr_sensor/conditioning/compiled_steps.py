@@ -1,8 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The steps that pixels, cells and frame_change define, computed by the compiled loops."""
+"""
+The steps that pixels, cells and frame_change define, computed by the compiled loops.
+
+``regions`` is the number of threads that share the rows; it changes no bit of the result.
+"""
 
 from __future__ import annotations
 
+from lowsnr_common.images.bands import in_bands
 from lowsnr_sensor.conditioning import cell_kernels
 from lowsnr_sensor.conditioning import cells
 from lowsnr_sensor.conditioning import pixel_kernels
@@ -13,7 +18,7 @@ import numpy as np
 
 def update(
     frame: np.ndarray, planes: Planes, local: np.ndarray, corner: tuple[int, int],
-    change: pixels.Change, limits: pixels.Limits,
+    change: pixels.Change, limits: pixels.Limits, regions: int = 1,
 ) -> tuple[Planes, np.ndarray]:
     """Compute :func:`lowsnr_sensor.conditioning.pixels.update`."""
     after = Planes(*(np.empty_like(frame) for _ in range(3)))
@@ -22,28 +27,42 @@ def update(
         change.gain, change.offset, change.variance, *limits,
         pixels.UNOBSERVED, pixels.NOISE_LIMIT**2, pixels.MEAN_SQUARE, pixels.OWN, pixels.OWN_AGE,
         pixels.OPEN_LIMIT))
-    pixel_kernels.update(change.flat(frame), *planes, local, corner, scalars, *after, deviations)
+    narrow, stripes = change.narrow(frame), change.stripes(frame.shape)
+    in_bands(
+        lambda first, last: pixel_kernels.update(
+            narrow, stripes, *planes, local, corner, scalars, first, last, *after, deviations),
+        len(frame), regions)
     if change.wide is not None:
         after.level[:] += change.wide
     return after, deviations
 
 
 def stripe_sums(
-    frame: np.ndarray, planes: Planes, change: pixels.Change, limit: float,
+    frame: np.ndarray, planes: Planes, change: pixels.Change, limit: float, regions: int = 1,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Compute :func:`lowsnr_sensor.conditioning.frame_change.stripe_sums`."""
-    rows, cols = (np.zeros(size, dtype=np.float32) for size in frame.shape)
+    rows, group = np.zeros(len(frame), dtype=np.float32), pixel_kernels.GROUP
+    groups = np.zeros((-(-len(frame) // group), frame.shape[1]), dtype=np.float32)
     scalars = np.array(
         [change.gain, change.offset, limit, pixels.UNOBSERVED], dtype=np.float32)
-    pixel_kernels.stripe_sums(change.flat(frame), planes.level, planes.age, scalars, rows, cols)
-    return rows, cols
+    narrow, stripes = change.narrow(frame), change.stripes(frame.shape)
+    in_bands(
+        lambda first, last: pixel_kernels.stripe_sums(
+            narrow, stripes, planes.level, planes.age, scalars, first, last, rows, groups),
+        len(frame), regions, multiple=group)
+    return rows, groups.sum(axis=0)
 
 
-def block_sums(planes: Planes, local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def block_sums(
+    planes: Planes, local: np.ndarray, regions: int = 1,
+) -> tuple[np.ndarray, np.ndarray]:
     """Compute :func:`lowsnr_sensor.conditioning.pixels.block_sums`."""
     total, count = np.empty_like(local), np.empty_like(local)
     most = np.float32(pixels.BLOCK_LIMIT) * local
-    pixel_kernels.block_sums(planes.variance, planes.age, 1.0, most, total, count)
+    in_bands(
+        lambda first, last: pixel_kernels.block_sums(
+            planes.variance, planes.age, 1.0, most, first, last, total, count),
+        len(local), regions)
     return total, count
 
 
@@ -54,12 +73,16 @@ def surroundings(total: np.ndarray, count: np.ndarray, before: np.ndarray) -> np
     return mean
 
 
-def filtered(values: np.ndarray, rows: cells.Taps, cols: cells.Taps) -> np.ndarray:
+def filtered(
+    values: np.ndarray, rows: cells.Taps, cols: cells.Taps, regions: int = 1,
+) -> np.ndarray:
     """Compute :func:`lowsnr_sensor.conditioning.cells.filtered`."""
     out = np.empty((len(rows.scale), len(cols.scale)), dtype=np.float32)
-    cell_kernels.filter_pixels(
-        values, rows.weights, rows.start, rows.scale, cols.weights, cols.start, cols.scale,
-        rows.stride, out)
+    in_bands(
+        lambda first, last: cell_kernels.filter_pixels(
+            values, rows.weights, rows.start, rows.scale, cols.weights, cols.start, cols.scale,
+            rows.stride, first, last, out),
+        len(out), regions)
     return out
 
 
@@ -74,19 +97,28 @@ def flattened(plane: np.ndarray, reach: int) -> np.ndarray:
 
 def cell_noise(
     flat: np.ndarray, trace: np.ndarray, persistence: float, unit: float, local: np.ndarray,
+    regions: int = 1,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Compute :func:`lowsnr_sensor.conditioning.cells.cell_noise`."""
     out, new_trace = np.empty_like(flat), np.empty_like(flat)
     total, count = np.empty_like(local), np.empty_like(local)
-    cell_kernels.cell_noise(
-        flat, trace, persistence, unit, local, (pixels.NOISE_LIMIT**2, pixels.MEAN_SQUARE), out,
-        new_trace, total, count)
+    limits = pixels.NOISE_LIMIT**2, pixels.MEAN_SQUARE
+    in_bands(
+        lambda first, last: cell_kernels.cell_noise(
+            flat, trace, persistence, unit, local, limits, first, last, out, new_trace, total,
+            count),
+        len(local), regions)
     return out, new_trace, total, count
 
 
-def transients_limited(values: np.ndarray, before: np.ndarray, reach: int) -> np.ndarray:
+def transients_limited(
+    values: np.ndarray, before: np.ndarray, reach: int, regions: int = 1,
+) -> np.ndarray:
     """Compute :func:`lowsnr_sensor.conditioning.cells.transients_limited`."""
     out = np.empty_like(values)
     scalars = (np.float32(cells.TRANSIENT), np.float32(cells.BRIGHTER))
-    cell_kernels.limit_transients(values, before, reach, scalars, out)
+    in_bands(
+        lambda first, last: cell_kernels.limit_transients(
+            values, before, reach, scalars, first, last, out),
+        len(out), regions)
     return out

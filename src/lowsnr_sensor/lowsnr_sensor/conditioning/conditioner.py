@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from dataclasses import replace
+import functools
 import math
 from typing import Any
 
@@ -86,6 +87,9 @@ class ConditioningSettings:
     slack_px: int = setting(
         16, 'pixels by which the image may leave the cells of the scene before these follow',
         ge=8, le=1024)
+    regions: int = setting(
+        1, 'sub-regions of the frame that are processed in parallel; the result is the same',
+        ge=1, le=64)
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -195,7 +199,8 @@ class ConditioningSettings:
         state, shift = follow(state, fit, self.slack_px, self.binning)
         state, deviations = self._updated(replace(state, copies=copies), values, fit)
         state, flat = self._filtered(state, deviations)
-        state, cells = whitened(state, flat, self.persistence, self.noise_frames)
+        state, cells = whitened(
+            state, flat, self.persistence, self.noise_frames, self.regions)
         return state, self._output(
             state, cells, shift=shift, gain=fit.change.gain, offset=fit.change.offset,
             noise_floor=fit.floor)
@@ -210,13 +215,17 @@ class ConditioningSettings:
         before, corner = to_image(state)
         younger = 1.0 + 1.0 / min(state.frames, self.background_frames)
         noise = math.sqrt(max(float(np.median(some(state.local))), fit.floor**2) * younger)
-        change = with_stripes(fit.change, values, before, noise, steps.stripe_sums)
+        change = with_stripes(
+            fit.change, values, before, noise,
+            functools.partial(steps.stripe_sums, regions=self.regions))
         change, activity = with_noise(state, fit, change)
-        after, deviations = steps.update(values, before, state.local, corner, change, limits)
+        after, deviations = steps.update(
+            values, before, state.local, corner, change, limits, self.regions)
         if state.codec > CODED:
             after = settled(after, values, state.copies)
         planes = from_image(state, before, after, change)
-        local = steps.surroundings(*steps.block_sums(planes, state.local), state.local)
+        local = steps.surroundings(
+            *steps.block_sums(planes, state.local, self.regions), state.local)
         return replace(
             state, planes=planes, local=local, previous=values, activity=activity,
             frames=state.frames + 1, rejected=0), deviations
@@ -228,8 +237,9 @@ class ConditioningSettings:
         rows, cols = (
             taps(size, count, self.binning, self.psf_px, place)
             for size, count, place in zip(state.shape, state.trace.shape, state.position))
-        cells = steps.filtered(deviations, rows, cols)
-        steady = steps.transients_limited(cells, state.before, _TRANSIENT_REACH // self.binning)
+        cells = steps.filtered(deviations, rows, cols, self.regions)
+        steady = steps.transients_limited(
+            cells, state.before, _TRANSIENT_REACH // self.binning, self.regions)
         return replace(state, before=cells), steps.flattened(
             steady, self.smoothing_reach // self.binning)
 

@@ -13,29 +13,51 @@ from lowsnr_common.core.compiled import compiled
 import numpy as np
 
 _ONE, _ZERO = np.float32(1.0), np.float32(0.0)
+# Rows whose columns are summed one after another.  The groups do not depend on the bands of rows
+# that threads share, and so neither do the sums.
+GROUP = 64
 
 
 @compiled
 def update(
-    frame: np.ndarray, level: np.ndarray, variance: np.ndarray, age: np.ndarray,
-    local: np.ndarray, corner: tuple[int, int], scalars: tuple[float, ...],
-    new_level: np.ndarray, new_variance: np.ndarray, new_age: np.ndarray, deviations: np.ndarray,
+    frame: np.ndarray, stripes: tuple[np.ndarray, np.ndarray], level: np.ndarray,
+    variance: np.ndarray, age: np.ndarray, local: np.ndarray, corner: tuple[int, int],
+    scalars: tuple[float, ...], first: int, last: int, new_level: np.ndarray,
+    new_variance: np.ndarray, new_age: np.ndarray, deviations: np.ndarray,
 ) -> None:
-    """Write the planes after a frame, and its deviations; ``scalars`` are those of `_row`."""
-    rows, cols = frame.shape
+    """
+    Write some rows of the planes after a frame, and of its deviations.
+
+    ``stripes`` are the offsets of its rows and columns, ``scalars`` those of `_row`.
+    """
+    cols = frame.shape[1]
     around, slope = np.empty(cols, dtype=np.float32), np.empty(cols, dtype=np.float32)
+    flat = np.empty(cols, dtype=np.float32)
     blocks, across = local.shape
-    last = -1
-    for row in range(rows):
+    striped, there = np.any(stripes[0]) or np.any(stripes[1]), -1
+    for row in range(first, last):
         block = min(max((row + corner[0]) // 4, 0), blocks - 1)
-        if block != last:
+        if block != there:
             for col in range(cols):
                 around[col] = local[block, min(max((col + corner[1]) // 4, 0), across - 1)]
-            last = block
+            there = block
         _steepness(level, row, slope)
+        here = frame[row]
+        if striped:
+            _without_stripes(frame[row], stripes[0][row], stripes[1], flat)
+            here = flat
         _row(
-            frame[row], level[row], variance[row], age[row], around, slope, scalars,
+            here, level[row], variance[row], age[row], around, slope, scalars,
             new_level[row], new_variance[row], new_age[row], deviations[row])
+
+
+@compiled
+def _without_stripes(
+    frame: np.ndarray, offset: float, offsets: np.ndarray, flat: np.ndarray,
+) -> None:
+    """Write the pixels of a row less the offset of the row and those of the columns."""
+    for col in range(len(flat)):
+        flat[col] = frame[col] - (offset + offsets[col])
 
 
 @compiled
@@ -95,14 +117,25 @@ def _row(
 
 @compiled
 def stripe_sums(
-    frame: np.ndarray, level: np.ndarray, age: np.ndarray, scalars: np.ndarray,
-    row_sums: np.ndarray, col_sums: np.ndarray,
+    frame: np.ndarray, stripes: tuple[np.ndarray, np.ndarray], level: np.ndarray,
+    age: np.ndarray, scalars: np.ndarray, first: int, last: int, row_sums: np.ndarray,
+    group_sums: np.ndarray,
 ) -> None:
-    """Add the limited residual to the sums of rows and columns; ``scalars`` as in the wrapper."""
+    """
+    Add the limited residual of some rows to the sums of rows, and of columns in groups of rows.
+
+    ``stripes`` are the offsets of rows and columns so far, ``scalars`` as in the wrapper.
+    """
     gain, offset, limit, unobserved = scalars[0], scalars[1], scalars[2], scalars[3]
     rest = np.empty(frame.shape[1], dtype=np.float32)
-    for row in range(frame.shape[0]):
-        here, mean, years = frame[row], level[row], age[row]
+    flat = np.empty(frame.shape[1], dtype=np.float32)
+    striped = np.any(stripes[0]) or np.any(stripes[1])
+    for row in range(first, last):
+        here = frame[row]
+        if striped:
+            _without_stripes(frame[row], stripes[0][row], stripes[1], flat)
+            here = flat
+        mean, years, col_sums = level[row], age[row], group_sums[row // GROUP]
         for col in range(len(rest)):
             value = here[col] - (gain * mean[col] + offset)
             value = value if value < limit else limit
@@ -121,14 +154,14 @@ def stripe_sums(
 
 @compiled
 def block_sums(
-    values: np.ndarray, known: np.ndarray, above: float, most: np.ndarray, total: np.ndarray,
-    count: np.ndarray,
+    values: np.ndarray, known: np.ndarray, above: float, most: np.ndarray, first: int,
+    last: int, total: np.ndarray, count: np.ndarray,
 ) -> None:
-    """Write sums of values up to ``most`` where ``known > above``, and their numbers."""
+    """Write sums of values up to ``most`` where ``known > above``, and numbers, of some blocks."""
     rows, cols = values.shape
     sums, numbers = np.empty(cols, dtype=np.float32), np.empty(cols, dtype=np.float32)
     limit = np.empty(cols, dtype=np.float32)
-    for block in range(total.shape[0]):
+    for block in range(first, last):
         sums[:] = _ZERO
         numbers[:] = _ZERO
         for col in range(cols):

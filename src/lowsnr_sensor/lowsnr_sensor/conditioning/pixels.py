@@ -72,11 +72,20 @@ class Change:
 
     def flat(self, frame: np.ndarray) -> np.ndarray:
         """Return a frame without its wide change and its stripes."""
-        if self.wide is not None:
-            frame = frame - self.wide
-        if self.rows.any() or self.cols.any():
-            frame = frame - (self.rows[:, None] + self.cols)
-        return frame
+        rows, cols = self.stripes(frame.shape)
+        flat: np.ndarray = self.narrow(frame) - (rows[:, None] + cols)
+        return flat
+
+    def narrow(self, frame: np.ndarray) -> np.ndarray:
+        """Return a frame without its wide change."""
+        return frame if self.wide is None else frame - self.wide
+
+    def stripes(self, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+        """Return the offset of each row and each column of a frame (rows, cols)."""
+        rows, cols = (
+            np.ascontiguousarray(np.broadcast_to(offsets, size))
+            for offsets, size in zip((self.rows, self.cols), shape))
+        return rows, cols
 
 
 class Limits(NamedTuple):

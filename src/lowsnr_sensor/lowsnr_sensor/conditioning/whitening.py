@@ -14,7 +14,7 @@ _LEAST_CELL_VARIANCE = 0.64
 
 
 def whitened(
-    state: ConditionerState, flat: np.ndarray, persistence: float, most: int,
+    state: ConditionerState, flat: np.ndarray, persistence: float, most: int, regions: int = 1,
 ) -> tuple[ConditionerState, np.ndarray]:
     """
     Divide cells by their noise, and estimate it anew.
@@ -29,11 +29,13 @@ def whitened(
         Weight from frame to frame in the sum that the noise is estimated from.
     most
         Frames over which it is estimated.
+    regions
+        Threads that share the rows.
 
     """
     unit = persistence**2 * state.trace_variance + 1.0
     cells, trace, total, count = steps.cell_noise(
-        flat, state.trace, persistence, unit, state.cell_variance)
+        flat, state.trace, persistence, unit, state.cell_variance, regions)
     if not count.any():
         return state, cells
     frames = state.cell_frames + 1
