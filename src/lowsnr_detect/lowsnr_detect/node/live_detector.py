@@ -25,7 +25,6 @@ from lowsnr_detect.parts.detector import Detector
 from lowsnr_detect.parts.moved_memory import moved_memory
 import numpy as np
 
-
 Settings = tuple[Detector, DetectionSettings]
 
 
