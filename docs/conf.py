@@ -32,12 +32,13 @@ release = version = lowsnr.__version__
 extensions = [
     'myst_parser', 'sphinx.ext.autodoc', 'sphinx.ext.apidoc', 'sphinx.ext.napoleon',
     'sphinx.ext.viewcode', 'node_pages', 'sphinx_gallery.gen_gallery', 'mathml', 'offline',
-    'public_names', 'repository_links',
+    'public_names', 'repository_links', 'stale_pages',
 ]
 exclude_patterns = [
     'concepts', 'tutorials', 'gallery', 'extensions', 'generated/api/*/modules.rst',
     '**sg_execution_times.rst']
 default_role = 'code'
+highlight_language = 'none'  # a block names its language, and most are output
 myst_enable_extensions = ['dollarmath']
 myst_heading_anchors = 4
 

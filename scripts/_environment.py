@@ -34,6 +34,7 @@ import _venv
 
 INSTALLED = not (_venv.ROOT / 'src').is_dir()  # by colcon, into the share of lowsnr_bringup
 SOURCES = [str(path) for path in sorted((_venv.ROOT / 'src').glob('lowsnr*'))]
+MODULES = {'opencv-python-headless': 'cv2'}  # of packages that are not named like theirs
 EXTRAS = ('bags', 'files', 'study')  # of requirements/, which some commands need
 OLDEST = (3, 11)
 WITH_WHEELS = ('3.12', '3.11', '3.13')  # for which PyPI has ROS 2, the preferred one first
@@ -105,8 +106,9 @@ def _lacking(locks: 'set[str]') -> 'dict[str, str]':
 def _check_extras(extras: 'Iterable[str]') -> None:
     """End a script that was installed if packages lack that rosdep may not have installed."""
     if extras:
-        asked = set(_venv.asked_of(extras))
-        lacking = sorted(name for name in _lacking(set(extras)) if name in asked)
+        # By module: a distribution has some of them under another name than PyPI.
+        lacking = sorted(name for name in _venv.asked_of(extras)
+                         if importlib.util.find_spec(MODULES.get(name, name)) is None)
         if lacking:
             _steps.fail(f'missing: {", ".join(lacking)}; python3 -m pip install '
                         + ' '.join(lacking), 2)

@@ -212,15 +212,15 @@ def present_by_products(plan: 'RunPlan', folder: Path, shown: str) -> None:
     """Print what was recorded, add the metrics of tracks, and write the report."""
     from lowsnr_bringup.run.results_folder import SUMMARY_FILE
     from lowsnr_eval.report.table import false_track_lines
+    from lowsnr_eval.track_metrics.metrics_table import short_metrics
     from lowsnr_eval.track_metrics.run_metrics import add_track_metrics
-
     if '/recorder' in plan.parameters:
         from lowsnr_bringup.bags import recording
         for bag in recording.bags_of_run(Path(plan.parameters['/recorder']['bag'])):
             print(recording.summarize_recording(bag))
     if (folder / SUMMARY_FILE).is_file():
         say(*add_track_metrics(folder))
-        print(*false_track_lines(folder), sep='', end='')
+        print(*false_track_lines(folder), short_metrics(folder), sep='', end='')
         report(folder, shown)
 
 

@@ -35,6 +35,7 @@ MANUAL = {'manual': manual.BUILD}
 FILE_LISTS = ('checking ', 'Checked files:', '* ')  # what the ament linters print for every file
 PACKAGES = sorted(path.name for path in (ROOT / 'src').glob('lowsnr*'))
 DONE, FAILED = 0, 1
+LATEST_S = 900.0  # how long after the tests a linter, or the manual, must end
 ALIKE = 0.82  # of a misspelt option of this command; options of pytest are less like them
 # What pytest.main returns, where it is neither 0 nor a failure of ours.
 EXIT_CODES = {0: DONE, 2: INTERRUPTED, 4: USAGE}
@@ -116,12 +117,17 @@ class Linter:
     name: str
     process: subprocess.Popen[str]
     output: IO[str]
+    within_s: float = LATEST_S
 
     def finish(self) -> int:
-        """Wait for its end, print what it found, and return `DONE` or `FAILED`."""
+        """Wait for its end, not for ever, print what it found; return `DONE` or `FAILED`."""
         print(f'== {self.name}', flush=True)
-        if not self.process.wait():
-            return DONE
+        try:
+            if not self.process.wait(self.within_s):
+                return DONE
+        except subprocess.TimeoutExpired:
+            kill_session(self.process)
+            print(f'{self.name} has not ended {self.within_s:g} s after the tests', flush=True)
         self.output.seek(0)
         lines = self.output.read().splitlines()
         print(*(line for line in lines if not line.startswith(FILE_LISTS)), sep='\n', flush=True)

@@ -9,6 +9,7 @@ import shutil
 import signal
 import subprocess
 
+from browser import find_browser
 import numpy as np
 import pytest
 import tally
@@ -103,6 +104,12 @@ def require_program() -> Callable[[str], str]:
         return path
 
     return find
+
+
+@pytest.fixture(scope='session')
+def chromium(require_program: Callable[[str], str]) -> str:
+    """Return the path of a Chromium that runs, or end the test without it."""
+    return find_browser() or require_program('chromium')
 
 
 @pytest.fixture

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 
+import browser
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -185,6 +186,20 @@ def test_missing_program_fails_in_ci(monkeypatch, require_program):
     monkeypatch.setenv('CI', 'true')
     with pytest.raises(pytest.fail.Exception, match='no-such-program'):
         require_program('no-such-program')
+
+
+def test_browser_is_found_by_any_of_its_names_where_it_runs(monkeypatch, tmp_path):
+    monkeypatch.setenv('PATH', f'{tmp_path}:/bin:/usr/bin')
+    monkeypatch.setattr(browser, '_NAMES', ('chromium-of-snap', 'google-chrome-of-test'))
+    monkeypatch.delenv('BROWSER', raising=False)
+    assert browser.find_browser() is None
+    for name, text in {'chromium-of-snap': 'exit 10', 'google-chrome-of-test': 'echo Chrome 1',
+                       'mychrome': 'echo Chromium 2'}.items():
+        (tmp_path / name).write_text(f'#!/bin/sh\n{text}\n')
+        (tmp_path / name).chmod(0o755)
+    assert browser.find_browser() == str(tmp_path / 'google-chrome-of-test')
+    monkeypatch.setenv('BROWSER', str(tmp_path / 'mychrome'))
+    assert browser.find_browser() == str(tmp_path / 'mychrome')
 
 
 def test_program_on_the_path_is_found(require_program):

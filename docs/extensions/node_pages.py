@@ -214,6 +214,7 @@ def qos(end: Any, follows: bool) -> str:
 def example(name: str, place: Path) -> dict[str, Any]:
     """Return the parameters with which a node makes all its connections."""
     conditioned = {'conditioned': True, 'rows': 20, 'cols': 24}
+    detector = {**conditioned, 'operating_point': 'nominal', 'statistic_map': True}
     if name == 'player':
         bag = place / 'bag'
         np.save(place / 'frames.npy', np.random.default_rng(0).normal(size=(3, 8, 9)))
@@ -223,11 +224,11 @@ def example(name: str, place: Path) -> dict[str, Any]:
         'sensor': {'scenario': str(SCENARIO), 'lockstep': True},
         'tracker': conditioned,
         'evaluator': {'detectors': ['sdt'], 'scenario': 'example4', 'conditioned': True,
-                      'results': str(place / 'results')},
+                      'results': str(place / 'results'), 'statistic_maps': ['sdt']},
         'recorder': {'bag': str(place / 'recorded')},
-        'viewer': {'page': False},  # or it would open a browser
+        'viewer': {'page': False, 'statistic_map': True},  # or it would open a browser
     }
-    return others.get(name, conditioned | {'operating_point': 'nominal'} if is_live(name) else {})
+    return others.get(name, detector if is_live(name) else {})
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

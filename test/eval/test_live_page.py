@@ -183,8 +183,8 @@ def test_browser_that_never_reads_delays_nobody_and_gets_the_newest(server):
     until(lambda: not server.watched)
 
 
-def test_page_follows_pauses_and_scrubs_back(server, tmp_path, require_program):
-    with browser(require_program('chromium'), tmp_path / 'profile') as page:
+def test_page_follows_pauses_and_scrubs_back(server, tmp_path, chromium):
+    with browser(chromium, tmp_path / 'profile') as page:
         page.load(server.address)
         assert page.value('document.title') == '<b>a run</b>'
         until(lambda: server.watched)
@@ -213,9 +213,9 @@ def test_page_follows_pauses_and_scrubs_back(server, tmp_path, require_program):
 
 
 def test_page_shows_no_frames_of_another_server_under_its_own_title(
-    server, tmp_path, require_program,
+    server, tmp_path, chromium,
 ):
-    with browser(require_program('chromium'), tmp_path / 'profile') as page:
+    with browser(chromium, tmp_path / 'profile') as page:
         page.load(server.address)
         until(lambda: server.watched)
         server.publish(text_of(7))

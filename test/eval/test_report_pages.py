@@ -50,9 +50,9 @@ def folder(tmp_path, rng):
     return tmp_path
 
 
-def test_animation_steps_in_a_browser_and_asks_for_nothing(folder, tmp_path, require_program):
+def test_animation_steps_in_a_browser_and_asks_for_nothing(folder, tmp_path, chromium):
     report = write_run_report(folder, 'again')
-    with browser(require_program('chromium'), tmp_path / 'profile') as page:
+    with browser(chromium, tmp_path / 'profile') as page:
         page.load(report)
         # It opens on the first frame whose object is tracked.
         assert page.value(NUMBER) == 'frame 6: 1 object, 1 detection, 1 track'
@@ -81,7 +81,7 @@ def test_animation_steps_in_a_browser_and_asks_for_nothing(folder, tmp_path, req
         assert (asked, page.errors) == ([report.as_uri()], [])
 
 
-def test_animation_of_frames_that_are_missing_or_change_their_size(tmp_path, require_program):
+def test_animation_of_frames_that_are_missing_or_change_their_size(tmp_path, chromium):
     with closing(SceneWriter(tmp_path, 1.0)) as scene:
         for k, shape in enumerate((None, SHAPE, None, (14, 10)), start=1):
             if shape:
@@ -89,7 +89,7 @@ def test_animation_of_frames_that_are_missing_or_change_their_size(tmp_path, req
             scene.add_answers(k, k, [], {'b': Answer([tracked(1.0, 2.0)], []), 'a': Answer()})
     score(tmp_path, [([], Answer([], []))] * 4)
     report = write_run_report(tmp_path, 'again')
-    with browser(require_program('chromium'), tmp_path / 'profile') as page:
+    with browser(chromium, tmp_path / 'profile') as page:
         page.load(report)
         size = '[whole.x, whole.y]'
         assert page.value(NUMBER) == 'frame 1 (missing): 0 objects, 1 detection, 0 tracks'
@@ -103,7 +103,7 @@ def test_animation_of_frames_that_are_missing_or_change_their_size(tmp_path, req
         assert page.errors == []
 
 
-def test_conditioned_picture_is_beside_the_raw_one_at_the_same_place(tmp_path, require_program):
+def test_conditioned_picture_is_beside_the_raw_one_at_the_same_place(tmp_path, chromium):
     """One bright pixel (4, 2) of a frame whose cells of 2 x 2 pixels moved by two pixels."""
     frame, cells = np.zeros((8, 10)), np.zeros((4, 5))
     frame[2, 4], cells[1, 3] = 1.0, 1.0  # the cell covers x from 4 to 6, y from 2 to 4
@@ -114,7 +114,7 @@ def test_conditioned_picture_is_beside_the_raw_one_at_the_same_place(tmp_path, r
         scene.add_answers(1, 1, [], {'sdt': Answer([], [])})
     score(tmp_path, [([], Answer([], []))])
     report = write_run_report(tmp_path, 'again')
-    with browser(require_program('chromium'), tmp_path / 'profile') as page:
+    with browser(chromium, tmp_path / 'profile') as page:
         page.load(report)
         for view, bright in (('view', {(4, 2)}), ('cells', {(4, 2), (5, 2), (4, 3), (5, 3)})):
             assert {(x, y) for x in range(8) for y in range(8)
@@ -124,7 +124,7 @@ def test_conditioned_picture_is_beside_the_raw_one_at_the_same_place(tmp_path, r
 
 
 def test_statistic_is_beside_the_frame_in_colours_of_both_sides_of_the_threshold(
-        tmp_path, require_program):
+        tmp_path, chromium):
     """One cell (4, 2) is above the threshold, and one (1, 5) has no statistic."""
     excess = np.full((8, 10), -3.0)
     excess[2, 4], excess[5, 1] = 6.0, np.nan
@@ -134,7 +134,7 @@ def test_statistic_is_beside_the_frame_in_colours_of_both_sides_of_the_threshold
         scene.add_answers(1, 1, [], {'sdt': Answer([], []), 'cdt': Answer([], [])})
     score(tmp_path, [([], Answer([], []))])
     report = write_run_report(tmp_path, 'again')
-    with browser(require_program('chromium'), tmp_path / 'profile') as page:
+    with browser(chromium, tmp_path / 'profile') as page:
         page.load(report)
         below, above, none = (page.value(COLOUR.format(*at)) for at in ((0, 0), (4, 2), (1, 5)))
         assert (above, none) == ([190, 10, 20], [0, 0, 0])
@@ -161,9 +161,9 @@ def crossing(tmp_path):
 
 
 @pytest.fixture
-def phone(crossing, tmp_path, require_program):
+def phone(crossing, tmp_path, chromium):
     """Return a browser of 400 pixels and two fingers that shows the crossing."""
-    with browser(require_program('chromium'), tmp_path / 'profile') as page:
+    with browser(chromium, tmp_path / 'profile') as page:
         page.call('Emulation.setDeviceMetricsOverride', width=400, height=800,
                   deviceScaleFactor=1, mobile=True)
         page.call('Emulation.setTouchEmulationEnabled', enabled=True, maxTouchPoints=2)

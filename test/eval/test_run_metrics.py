@@ -18,6 +18,7 @@ from lowsnr_eval.scoring.run_scoring import TRUTH
 from lowsnr_eval.track_metrics.chain_metrics import ChainMetrics
 from lowsnr_eval.track_metrics.existence_calibration import ExistenceCalibration
 from lowsnr_eval.track_metrics.metrics_table import format_metrics
+from lowsnr_eval.track_metrics.metrics_table import short_metrics
 from lowsnr_eval.track_metrics.reliability_figure import reliability
 from lowsnr_eval.track_metrics.run_metrics import add_track_metrics
 from lowsnr_eval.track_metrics.track_frame import TrackFrame
@@ -153,10 +154,18 @@ def test_table_and_figure_show_the_figures(run):
         found['siap']['completeness'], abs=5e-4)
     assert float(rows['OSPA(2) [m]'][0]) == pytest.approx(found['ospa2_m'], abs=5e-4)
     assert rows['identity swaps'] == ['0']
+    _, head, own, _ = short_metrics(run[1]).split('\n')[:4]
+    assert re.split('  +', head) == [
+        'tracks of', 'OSPA(2) [m]', 'GOSPA [m]', 'switches', 'swaps', 'purity']
+    name, ospa2, _, switches, swaps, purity = own.split()
+    assert (name, switches, swaps, float(purity)) == (
+        'sdt', rows['identity switches'][0], '0', pytest.approx(found['track_purity'], abs=5e-3))
+    assert float(ospa2) == pytest.approx(found['ospa2_m'], abs=5e-3)
+    assert len(head) <= 100
     axes, = reliability(found['existence_calibration']).axes
     points = [line.get_xydata() for line in axes.lines if line.get_marker() == 'o']
     np.testing.assert_allclose(points, [[[0.75, 1.0]]])
     assert [text.get_text() for text in axes.texts] == [str(FRAMES + 7)]
     (run[1] / 'truth.csv').unlink()
-    assert format_metrics(summary_of(run)) == ''
+    assert format_metrics(summary_of(run)) == short_metrics(run[1]) == ''
     assert reliability(ExistenceCalibration(1.0).figures()) is None

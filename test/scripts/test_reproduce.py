@@ -80,9 +80,9 @@ def test_report_holds_all_that_it_shows(reference):
 
 
 def test_browser_shows_the_report_and_requests_nothing_else(
-        reference, tmp_path, require_program):
+        reference, tmp_path, chromium):
     report = reference[0] / 'example2' / 'report.html'
-    with browser(require_program('chromium'), tmp_path / 'profile') as page:
+    with browser(chromium, tmp_path / 'profile') as page:
         page.load(report)
         widths = page.value('Array.from(document.images).map(i => i.naturalWidth)')
         assert len(widths) >= 8

@@ -4,22 +4,40 @@
 import base64
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextlib import suppress
 import fcntl
 import json
 import os
 from pathlib import Path
 import select
+import shutil
 import socket
 import subprocess
 import time
 from typing import Any
 
 _WITHIN_S = 120.0
+_NAMES = ('chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stable', 'chrome')
 _FLAGS = (
     '--headless', '--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run',
     '--disable-background-networking', '--disable-component-update', '--disable-sync',
     '--hide-scrollbars', '--window-size=1100,1400', '--remote-debugging-pipe')
 _KEYS = {'ArrowLeft': 37, 'ArrowRight': 39, 'Home': 36, 'End': 35, '+': 187, '0': 48, ' ': 32}
+
+
+def find_browser() -> str | None:
+    """
+    Return the path of a Chromium under any of its names, ``$BROWSER`` first; None without one.
+
+    A program that does not tell its version is none: Ubuntu has a script that asks for a snap.
+    """
+    for name in (os.environ.get('BROWSER', ''), *_NAMES):
+        path = shutil.which(name) if 'chrom' in name else None
+        with suppress(OSError, subprocess.SubprocessError):
+            if path and 'Chrom' in subprocess.check_output(
+                    [path, '--version'], stderr=subprocess.DEVNULL, text=True, timeout=_WITHIN_S):
+                return path
+    return None
 
 
 class Browser:

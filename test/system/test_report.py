@@ -10,13 +10,13 @@ NUMBER = "document.getElementById('number').textContent"
 PICTURE = "document.getElementById('view').toDataURL()"
 
 
-def test_run_leaves_a_report_that_plays_without_a_network(bringup, tmp_path, require_program):
+def test_run_leaves_a_report_that_plays_without_a_network(bringup, tmp_path, chromium):
     run = bringup('--detector', 'cdt', 'sdt', '--lockstep', '--snr', '12')
     code, out, err = run.finish()
     assert code == 0, err
     report = run.results / 'report.html'
     assert str(report) in out
-    with browser(require_program('chromium'), tmp_path / 'profile') as page:
+    with browser(chromium, tmp_path / 'profile') as page:
         page.load(report)
         page.press('Home')  # it opens on an object
         texts, seen = [page.value(NUMBER)], {page.value(PICTURE)}

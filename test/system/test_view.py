@@ -178,12 +178,12 @@ def test_run_goes_on_without_a_viewer_that_died(widowed):
 
 
 def test_live_page_follows_the_run_and_its_viewer_that_was_started_again(
-    bringup, tmp_path, require_program,
+    bringup, tmp_path, chromium,
 ):
     port = port_of_no_other()
     run = bringup(
         '--detector', 'cdt', '--loop', '--rate', '20', '--view', '--view-port', str(port))
-    with browser(require_program('chromium'), tmp_path / 'profile') as page:
+    with browser(chromium, tmp_path / 'profile') as page:
         run.wait_for_rows(2)
         page.load(f'http://127.0.0.1:{port}/')
 

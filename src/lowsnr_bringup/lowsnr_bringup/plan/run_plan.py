@@ -214,7 +214,7 @@ def _fill_in(
     chains = {path.rpartition('/')[0]: (path.rpartition('/')[2].removesuffix('_detector'), n)
               for n, path in enumerate(detectors)}
     maps = [path for path in detectors if parameters[path].get('statistic_map')]
-    evaluator['statistic_maps'] = [chains[path.rpartition('/')[0]][0] for path in maps]
+    evaluator['statistic_maps'] = tuple(chains[path.rpartition('/')[0]][0] for path in maps)
     for node in nodes:
         values = parameters[node.path]
         if node.name == 'tracker':

@@ -4,6 +4,7 @@ The server of a live page: it serves the page, and sends frames to the browsers 
 
 It has a thread of its own and listens on the loopback address alone.  A slow browser delays
 nobody: of the frames that wait for it the server keeps the newest few and drops the others.
+A page that is loaded again, or later, is first sent what others were, as far as that is kept.
 A page first hears which server it has, and loads again where that is another one than before.
 """
 
@@ -31,6 +32,8 @@ KEPT, _MOST_BROWSERS = 4, 16
 _OWN_NAMES = {LOOPBACK, 'localhost', '::1'}
 _MOST_BYTES = 1024  # of a message from a browser, which has nothing to say
 _PING_S = 20.0
+# What is kept of what browsers were sent: frames, and letters.
+_MOST_FRAMES, _MOST_LETTERS = 1000, 2**25
 _ENDS_WITHIN_S = 2.0
 
 
@@ -54,6 +57,7 @@ class LiveServer:
         self._page = page
         self._browsers: set[_Frames] = set()
         self._newest: deque[str] = deque(maxlen=KEPT)
+        self._history: deque[str] = deque(maxlen=_MOST_FRAMES)
         self._loop = asyncio.new_event_loop()
         self._stop = asyncio.Event()
         self._thread = Thread(target=self._run, name='live page', daemon=True)
@@ -80,7 +84,8 @@ class LiveServer:
             runner.run(self._serve())
 
     async def _serve(self) -> None:
-        frames = {'all_': self._browsers, 'first': json.dumps({'server': uuid4().hex})}
+        frames = {'all_': self._browsers, 'first': json.dumps({'server': uuid4().hex}),
+                  'history': self._history}
         application = Application(
             [('/', _Page, {'page': self._page}), ('/frames', _Frames, frames)],
             websocket_ping_interval=_PING_S, websocket_max_message_size=_MOST_BYTES,
@@ -96,6 +101,9 @@ class LiveServer:
     def _share(self) -> None:
         while self._newest:
             text = self._newest.popleft()
+            self._history.append(text)
+            while sum(map(len, self._history)) > _MOST_LETTERS:
+                self._history.popleft()
             for each in self._browsers:
                 each.offer(text)
 
@@ -136,8 +144,8 @@ class _Page(_OwnHandler):
 class _Frames(_OwnHandler, WebSocketHandler):
     """The frames that one browser is sent."""
 
-    def initialize(self, all_: set[_Frames], first: str) -> None:
-        self._all, self._first = all_, first
+    def initialize(self, all_: set[_Frames], first: str, history: deque[str]) -> None:
+        self._all, self._before = all_, (first, *history)
         self._waiting: deque[str] = deque(maxlen=KEPT)
         self._offered = asyncio.Event()
         self._sender: asyncio.Task[None] | None = None
@@ -169,7 +177,8 @@ class _Frames(_OwnHandler, WebSocketHandler):
 
     async def _send(self) -> None:
         with suppress(WebSocketClosedError):
-            await self.write_message(self._first)
+            for text in self._before:
+                await self.write_message(text)
             while True:
                 await self._offered.wait()
                 self._offered.clear()

@@ -4,8 +4,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+import json
+from pathlib import Path
 from typing import Any
 
+from lowsnr_bringup.run.results_folder import SUMMARY_FILE
 from lowsnr_common.settings.text import printable
 from lowsnr_eval.report.table import unit_of
 
@@ -35,12 +38,32 @@ def format_metrics(summary: Mapping[str, Any]) -> str:
         window=next(iter(chains.values()))['ospa2_window_frames'], unit=unit,
         cutoff=summary['evaluation']['gospa_cutoff_cells']
         * summary['evaluation']['sensor.cell_size_m'] / size_m)
-    widths = [max(map(len, each)) for each in zip(*rows, strict=True)]
-    lines = ['  '.join(
-        text.rjust(width) if n else text.ljust(width)
-        for n, (text, width) in enumerate(zip(row, widths, strict=True))) for row in rows]
+    lines = _aligned(rows)
     calibration = [_calibration(name, each) for name, each in chains.items()]
     return '\n'.join(['metrics of tracks', '', *lines, legend, '', *calibration])
+
+
+def short_metrics(folder: Path) -> str:
+    """Return the main metrics of tracks in a results folder, a line a chain; empty for none."""
+    summary = json.loads((folder / SUMMARY_FILE).read_text('utf-8'))
+    unit, size_m = unit_of(summary['evaluation'])
+    rows = [['tracks of', f'OSPA(2) [{unit}]', f'GOSPA [{unit}]', 'switches', 'swaps', 'purity']]
+    for name, figures in summary['detectors'].items():
+        if found := figures.get('track_metrics'):
+            rows.append([
+                printable(name), _number(found['ospa2_m'], 2, size_m),
+                _number(figures['tracking']['gospa_m'], 2, size_m),
+                str(found['identity_switches']), str(found['identity_swaps']),
+                _number(found['track_purity'], 2)])
+    return '\n'.join(['', *_aligned(rows), '', '']) if len(rows) > 1 else ''
+
+
+def _aligned(rows: list[list[str]]) -> list[str]:
+    """Return rows with the first column on the left, the others on the right."""
+    widths = [max(map(len, each)) for each in zip(*rows, strict=True)]
+    return ['  '.join(
+        text.rjust(width) if n else text.ljust(width)
+        for n, (text, width) in enumerate(zip(row, widths, strict=True))) for row in rows]
 
 
 def _column(figures: Mapping[str, Any], unit: str, size_m: float) -> dict[str, str]:
