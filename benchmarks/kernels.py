@@ -286,9 +286,10 @@ def _other_cases() -> list[Case]:
                pair(stepping, (detector, 512), copy, 49, 512, np.int16), 512**2, 'cell', goal)
           for what, detector, goal in (
               ('bank', VelocityBank(threshold=NEVER), 5.0), ('AUTO, adaptive', auto, 10.0))),
-        *(Case(f'conditioner, camera {what}', '1024 x 1024', 'copy of a float32 frame',
-               pair(conditioning, (1024, step), copy, 1, 1024), 1024**2, 'pixel', goal)
-          for what, step, goal in (('still', 0, 100.0), ('moving', 3, 150.0))),
+        *(Case(f'conditioner, camera {what}', f'{side} x {side}', 'copy of a float32 frame',
+               pair(conditioning, (side, step), copy, 1, side), side**2, 'pixel', goal)
+          for what, side, step, goal in (
+              ('still', 1024, 0, 100.0), ('moving', 1024, 3, 150.0), ('still', 4096, 0, 100.0))),
         Case('SDT s_m=6', '20 x 20', 'path enumeration',
              pair(stepping, (SDT(threshold=NEVER, max_iterations=6), 20), enumeration, 6, 20),
              6 * 400, 'cell and plane', 1e-4, faster=True),

@@ -63,7 +63,7 @@ def limit_transients(
     cells: np.ndarray, before: np.ndarray, reach: int, scalars: tuple[float, float], first: int,
     last: int, out: np.ndarray,
 ) -> None:
-    """Write some rows of the cells, limited where nothing near them in the frame before is as bright."""
+    """Write rows of the cells, limited where nothing near in the frame before is as bright."""
     rows, cols = cells.shape
     least, brighter = scalars
     for row in range(first, last):
