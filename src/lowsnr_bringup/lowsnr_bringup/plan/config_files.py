@@ -174,7 +174,7 @@ def to_yaml(values: Mapping[str, Mapping[str, Any]]) -> str:
     tree = {
         path: {KEY: {
             key: list(value) if isinstance(value, tuple) else value
-            for key, value in own.items() if value != ()}}
+            for key, value in own.items() if value not in ((), [])}}
         for path, own in values.items()
     }
     return yaml.safe_dump(tree, sort_keys=True)
