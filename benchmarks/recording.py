@@ -59,8 +59,8 @@ def publish(publisher: 'Publisher', options: argparse.Namespace) -> tuple[int, f
 
 def record(folder: Path, options: argparse.Namespace) -> tuple[int, float, float]:
     """Run publisher and recorder; return frames sent, largest delay and recorder's CPU [s]."""
+    from lowsnr_bringup.plan.config_files import to_yaml
     from lowsnr_bringup.plan.graph import Node
-    from lowsnr_bringup.plan.graph import to_yaml
     from lowsnr_bringup.ros.manager import ACTIVATE
     from lowsnr_bringup.ros.manager import CONFIGURE
     from lowsnr_bringup.ros.manager import DEACTIVATE

@@ -64,7 +64,7 @@ def plan_and_run(
             plan = plan_of(options)
             claim = stack.enter_context(claim_domain())
             if options.secure is not None:
-                secure(options.secure, [node.path for node in plan.nodes])
+                secure(options.secure, [node.enclave for node in plan.nodes])
             folder = fresh_folder(options.results or RESULTS / plan.name)
             space = next(iter(plan.detectors)).rpartition('/')[0]
             line = line_to_copy('topic', 'echo', f'{space}/tracks')  # before the nodes' profile
@@ -138,7 +138,7 @@ def calibrate_detector(
 
 def write_parameters(plan: 'RunPlan', folder: Path) -> None:
     """Write what every node of the run reads, and reserve room for the summary."""
-    from lowsnr_bringup.plan.graph import to_yaml
+    from lowsnr_bringup.plan.config_files import to_yaml
     from lowsnr_bringup.run import results_folder
     from lowsnr_bringup.run.middleware import middleware_environment
     from lowsnr_eval.scoring.final_summary import reserve_summary

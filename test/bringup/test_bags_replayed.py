@@ -9,7 +9,7 @@ from lowsnr_bringup.bags.recorded_run import inspect_bag
 from lowsnr_bringup.bags.recording import CUSTOM_PARAMETERS
 from lowsnr_bringup.bags.replay import played_frames
 from lowsnr_bringup.bags.writer import BagWriter
-from lowsnr_bringup.plan.graph import to_yaml
+from lowsnr_bringup.plan.config_files import to_yaml
 from lowsnr_bringup.plan.run_options import RunOptions
 from lowsnr_bringup.plan.run_plan import plan_run
 from lowsnr_bringup.ros.frame_bag import FrameBag

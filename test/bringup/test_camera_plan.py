@@ -6,7 +6,7 @@ from pathlib import Path
 
 import calibrate
 from lowsnr_bringup.bags.recording import CUSTOM_PARAMETERS
-from lowsnr_bringup.plan.graph import to_yaml
+from lowsnr_bringup.plan.config_files import to_yaml
 from lowsnr_bringup.plan.recorded_frames import RecordedRun
 from lowsnr_bringup.plan.run_options import RunOptions
 from lowsnr_bringup.plan.run_plan import plan_run

@@ -6,7 +6,7 @@ from pathlib import Path
 import shutil
 
 from lowsnr_bringup.plan.config_files import load_config
-from lowsnr_bringup.plan.graph import to_yaml
+from lowsnr_bringup.plan.config_files import to_yaml
 from lowsnr_bringup.plan.loopback import listen_on
 from lowsnr_bringup.plan.run_options import RunOptions
 from lowsnr_bringup.plan.run_plan import plan_run

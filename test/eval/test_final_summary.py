@@ -6,7 +6,7 @@ import json
 import subprocess
 import sys
 
-from lowsnr_bringup.plan.graph import to_yaml
+from lowsnr_bringup.plan.config_files import to_yaml
 from lowsnr_bringup.run.earlier_run import earlier_alarm_rates
 from lowsnr_bringup.run.frame_ledger import FrameLedger
 from lowsnr_bringup.run.results_folder import Account

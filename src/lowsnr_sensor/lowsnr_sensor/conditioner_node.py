@@ -13,6 +13,7 @@ from lowsnr_common.ros.diagnostics import Fault
 from lowsnr_common.ros.frame_maps import map_to_info
 from lowsnr_common.ros.frame_maps import map_to_motion
 from lowsnr_common.ros.images import image_to_array
+from lowsnr_common.ros.images import LocalFrame
 from lowsnr_common.ros.managed_node import ManagedNode
 from lowsnr_common.ros.node_main import run
 from lowsnr_common.ros.parameters import declare
@@ -50,6 +51,8 @@ class ConditionerNode(ManagedNode):
     Before it, the node publishes where its cells lie in the camera's frame, on
     ``conditioned/camera_info``, and how the camera moved, on ``camera_motion``.
     """
+
+    offers = ('conditioned/camera_info', 'conditioned/image_raw')
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('conditioner', **kwargs)
@@ -114,9 +117,13 @@ class ConditionerNode(ManagedNode):
         """Publish a conditioned frame after its map, so that nobody waits for that."""
         where = self.conditioning.frame_map(output, header.frame_id, shape)
         self._motion.publish(map_to_motion(where, header))
-        self._info.publish(map_to_info(where, header))
+        info = map_to_info(where, header)
+        self._info.publish(info)
+        self.hand_over('conditioned/camera_info', info)
         own = Header(stamp=header.stamp, frame_id=f'{header.frame_id}_cells')
-        self._image.publish(messages.frame_to_image(output.cells, own))
+        if self._image.get_subscription_count():  # perhaps all readers are in this process
+            self._image.publish(messages.frame_to_image(output.cells, own))
+        self.hand_over('conditioned/image_raw', LocalFrame(own, output.cells))
         self.counts['out'] += 1
 
 

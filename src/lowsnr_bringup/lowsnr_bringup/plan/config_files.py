@@ -24,6 +24,7 @@ from lowsnr_common.settings.text import did_you_mean
 from lowsnr_common.settings.text import load_yaml
 from lowsnr_common.settings.text import one_line
 from lowsnr_common.settings.text import read_yaml
+import yaml
 
 CONFIG_FILES = (
     'common.yaml', 'conditioner.yaml', 'detectors.yaml', 'tracker.yaml', 'evaluator.yaml')
@@ -166,3 +167,14 @@ def _override(target: str, value: Any, names: Mapping[str, str]) -> tuple[str, V
     if node not in names:
         raise ValueError(f'{node} is not one of {", ".join(names)}{did_you_mean(node, names)}')
     return names[node], _check_values(names[node], {key: value})
+
+
+def to_yaml(values: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return parameters as a ROS parameter file, without empty lists, which ROS cannot read."""
+    tree = {
+        path: {KEY: {
+            key: list(value) if isinstance(value, tuple) else value
+            for key, value in own.items() if value not in ((), [])}}
+        for path, own in values.items()
+    }
+    return yaml.safe_dump(tree, sort_keys=True)

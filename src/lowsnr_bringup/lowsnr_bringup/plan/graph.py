@@ -31,13 +31,13 @@ from lowsnr_detect.parts.registry import detector_class
 from lowsnr_detect.parts.registry import DETECTORS
 from lowsnr_sensor.conditioning.conditioner import ConditioningSettings
 from lowsnr_track.pda_mmpf import PdaMmpf
-import yaml
 
 T = TypeVar('T')
 Values = dict[str, Any]  # parameters by full name, such as 'sensor.snr_db'
 Layer = Mapping[str, Mapping[str, Any]]  # values by section: EVERY_NODE or the name of a node
 EVERY_NODE = '/**'
 MANAGER = 'bringup'  # the node of bring-up itself
+CHAIN = 'chain'  # the process of conditioner, detectors and trackers that share one
 CONDITIONED = '/conditioned/'
 KEY = 'ros__parameters'
 _TRUTH = ('ground_truth:=/ground_truth', 'ground_truth/odometry:=/ground_truth/odometry')
@@ -91,7 +91,7 @@ def node_of(detector: str) -> str:
 @dataclass(frozen=True)
 class Node:
     """
-    One process of the graph.
+    One node of the graph; nodes with the same ``process`` share one, any other has its own.
 
     A run goes on without a node that is not ``needed``.  A ``live`` node subscribes to a camera.
     """
@@ -103,6 +103,7 @@ class Node:
     remaps: tuple[str, ...] = ()
     needed: bool = True
     live: bool = False
+    process: str = ''
 
     @property
     def source(self) -> bool:
@@ -125,6 +126,11 @@ class Node:
         return f'{self.namespace}/{self.name}'
 
     @property
+    def enclave(self) -> str:
+        """Security enclave, which is that of its process."""
+        return f'/{self.process}' if self.process else self.path
+
+    @property
     def label(self) -> str:
         """Name for people, logs and files."""
         return self.path.strip('/').replace('/', '.')
@@ -133,6 +139,7 @@ class Node:
 def run_nodes(
     detectors: Sequence[str], source: str = 'sensor', *, camera: str = '',
     conditioned: bool = False, recorded: bool = False, viewed: bool = False,
+    composed: bool = False,
 ) -> list[Node]:
     """
     Return the nodes of a run, subscribers before publishers.
@@ -149,6 +156,8 @@ def run_nodes(
     conditioned, recorded, viewed
         Whether there is a conditioner between the frames and their subscribers, a recorder of
         every topic, and a viewer in each chain.
+    composed
+        Whether conditioner, detectors and trackers share one process.
 
     """
     live, several = bool(camera), len(detectors) > 1
@@ -156,6 +165,7 @@ def run_nodes(
     info = (f'camera_info:={CONDITIONED}camera_info',) * conditioned
     frames = (f'image_raw:={CONDITIONED}image_raw', *info) if conditioned else raw
     own = raw * live  # of nodes without a namespace
+    shared = {'process': CHAIN} if composed else {}
     nodes = [_node('evaluator', remaps=(*own, *info), live=live)]
     for name in detectors:
         space = f'/{name}' * several
@@ -163,11 +173,11 @@ def run_nodes(
             nodes.append(_node(
                 'viewer', space, remaps=(*raw, *_TRUTH, *info), needed=False, live=live))
         nodes += [
-            _node('tracker', space, remaps=info),
+            _node('tracker', space, remaps=info, **shared),
             _node(node_of(name), space, arguments=(name,), live=live and not conditioned,
-                  remaps=frames if several or conditioned or live else ())]
+                  remaps=frames if several or conditioned or live else (), **shared)]
     if conditioned:
-        nodes.append(_node('conditioner', remaps=own, live=live))
+        nodes.append(_node('conditioner', remaps=own, live=live, **shared))
     if recorded:  # a camera waits for no subscriber, so that its recorder starts first
         nodes.insert(0 if camera else len(nodes), _node('recorder', live=live))
     return nodes if camera else [*nodes, _node(source)]
@@ -236,14 +246,3 @@ def build(cls: type[T], values: Mapping[str, Any], label: str) -> T:
         return build_settings(cls, {k: v for k, v in values.items() if k in declared})
     except ValueError as error:
         raise ValueError(f'{label}: {error}') from None
-
-
-def to_yaml(values: Mapping[str, Mapping[str, Any]]) -> str:
-    """Return parameters as a ROS parameter file, without empty lists, which ROS cannot read."""
-    tree = {
-        path: {KEY: {
-            key: list(value) if isinstance(value, tuple) else value
-            for key, value in own.items() if value != ()}}
-        for path, own in values.items()
-    }
-    return yaml.safe_dump(tree, sort_keys=True)

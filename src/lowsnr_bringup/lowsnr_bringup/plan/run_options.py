@@ -63,6 +63,7 @@ class RunOptions:
     respawn: bool | None = None
     camera: str | None = None
     statistic_map: bool = False
+    composed: bool = False
 
     def __post_init__(self) -> None:
         if self.camera is not None:

@@ -96,7 +96,7 @@ def plan_run(
     source = find_source(options, config_folder, given, look, array)
     nodes = graph.run_nodes(
         detectors, source.node, camera=source.camera, conditioned=source.conditioned,
-        recorded=options.record is not None, viewed=options.view)
+        recorded=options.record is not None, viewed=options.view, composed=options.composed)
     parameters = graph.parameters(
         nodes,  # from the weakest layer to the strongest
         source.defaults,  # SNR and frame size of the scenario

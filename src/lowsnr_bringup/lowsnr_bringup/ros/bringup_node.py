@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from lowsnr_bringup.plan.graph import MANAGER
-from lowsnr_bringup.run.processes import NO_OTHER_LOGS
+from lowsnr_bringup.plan.node_command import NO_OTHER_LOGS
 import rclpy
 from rclpy.logging import LoggingSeverity
 from rclpy.logging import set_logger_level

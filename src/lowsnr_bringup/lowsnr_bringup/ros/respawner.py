@@ -136,33 +136,45 @@ class Respawner:
         """Start the nodes that are due, and announce those that are active again."""
         for node, case in list(self._cases.items()):
             now_s = time.monotonic()
-            if case.process is None and now_s >= case.start_s:
-                self._start(node, case)
-            elif case.process is None:
-                continue
+            if case.process is None:
+                together = [member.node for member in self.group.together(node)]
+                if all(self._due(other, now_s) for other in together):
+                    self._start(together)
             elif self.manager.is_active(node, case.process.process.pid):
                 del self._cases[node]
                 self._announce(node, case, now_s)
 
-    def _start(self, node: Node, case: _Case) -> None:
-        """Start a node again, or try later if the disk or the machine has no room."""
-        own: dict[str, object] = {
-            **self.manager.changed(node),
-            'autostart': self.autostart, 'lives': self._deaths[node].count}
-        if node.source:
-            own['resume_after_ns'] = self.manager.newest_ns
+    def _due(self, node: Node, now_s: float) -> bool:
+        case = self._cases.get(node)
+        return case is not None and case.process is None and now_s >= case.start_s
+
+    def _start(self, nodes: list[Node]) -> None:
+        """Start the nodes of a process, or try later if the disk or the machine has no room."""
+        cases = [self._cases[node] for node in nodes]
         try:
             for path, text in self.files.items():
                 if not path.exists():
                     path.parent.mkdir(parents=True, exist_ok=True)
                     path.write_text(text, encoding='utf-8')
-            case.process = self.group.start(node, next(iter(self.files)), own)
-            case.started_s = time.monotonic()
+            started = self.group.start_together(
+                {node: self._overrides(node) for node in nodes}, next(iter(self.files)))
+            for case, member in zip(cases, started):
+                case.process, case.started_s = member, time.monotonic()
         except OSError as error:
-            case.start_s += _AGAIN_AFTER_S
+            for case in cases:
+                case.start_s += _AGAIN_AFTER_S
             notify(
-                f'{node.label} cannot be started: {error.strerror}: {error.filename}; '
-                f'trying again in {_AGAIN_AFTER_S:g} s')
+                f'{nodes[0].process or nodes[0].label} cannot be started: {error.strerror}: '
+                f'{error.filename}; trying again in {_AGAIN_AFTER_S:g} s')
+
+    def _overrides(self, node: Node) -> dict[str, object]:
+        """Return the parameters with which a node is started again."""
+        own: dict[str, object] = {
+            **self.manager.changed(node),
+            'autostart': self.autostart, 'lives': self._deaths[node].count}
+        if node.source:
+            own['resume_after_ns'] = self.manager.newest_ns
+        return own
 
     def _announce(self, node: Node, case: _Case, now_s: float) -> None:
         """Publish, print and write down that a node is active again."""

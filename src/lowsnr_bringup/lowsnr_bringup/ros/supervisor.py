@@ -13,6 +13,7 @@ import signal
 import time
 
 from lowsnr_bringup.plan.graph import Node
+from lowsnr_bringup.plan.node_command import by_process
 from lowsnr_bringup.ros.graph_start import GraphStart
 from lowsnr_bringup.ros.manager import DEACTIVATE
 from lowsnr_bringup.ros.manager import GraphFailure
@@ -24,6 +25,7 @@ from lowsnr_bringup.run.forked_nodes import NodeServer
 from lowsnr_bringup.run.hang_watch import HangWatch
 from lowsnr_bringup.run.middleware import PROFILE_FILE
 from lowsnr_bringup.run.processes import NodeProcess
+from lowsnr_bringup.run.processes import NONE
 from lowsnr_bringup.run.processes import notify
 from lowsnr_bringup.run.processes import ProcessGroup
 from lowsnr_bringup.run.results_folder import Account
@@ -109,10 +111,11 @@ class Supervisor:
                 self._server.wait()
             self._manager.guard.check_before_start()
             try:
-                for node in self._nodes:
-                    self._group.start(node, self._folder / PARAMETERS_FILE)
+                for node, *others in by_process(self._nodes):
+                    self._group.start_together(
+                        dict.fromkeys([node, *others], NONE), self._folder / PARAMETERS_FILE)
             except OSError as error:
-                return (FAILED, f'{node.label} cannot be started: {error}')
+                return (FAILED, f'{node.process or node.label} cannot be started: {error}')
             return self._run_processes()
 
     def _run_processes(self) -> tuple[int, str]:
@@ -208,7 +211,7 @@ class Supervisor:
         hanging = self._hang_watch.update(self._group.members, self._manager.heard)
         for member, how in hanging.items():
             if self._respawn or starting:
-                member.kill(how)
+                self._group.kill(member, how)
             else:
                 self._hang_watch.name(
                     member, how, '; only with --respawn does bring-up start it again')

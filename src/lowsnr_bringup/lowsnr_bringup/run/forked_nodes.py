@@ -102,7 +102,7 @@ class NodeServer:
 
     def fork(
         self, module: str, arguments: list[str], environment: dict[str, str], log: int,
-        lifeline: int, *held: int,
+        lifelines: Sequence[int], *held: int,
     ) -> ForkedProcess:
         """
         Start ``python -m MODULE ARGUMENTS``.
@@ -111,9 +111,9 @@ class NodeServer:
         ----------
         module, arguments, environment
             Those of the new process.
-        log, lifeline, *held
-            File descriptors: of its output, of its end of the line to bring-up, and of what the
-            process holds until its end.
+        log, lifelines, *held
+            File descriptors: of its output, of its ends of the lines to bring-up, and of what
+            the process holds until its end.
 
         Raises
         ------
@@ -126,9 +126,9 @@ class NodeServer:
         self.wait()
         if self._channel is None:
             raise ServerGone
-        request = json.dumps([module, arguments, environment]).encode()
+        request = json.dumps([module, arguments, environment, len(lifelines)]).encode()
         try:
-            socket.send_fds(self._channel, [request], [log, lifeline, *held])
+            socket.send_fds(self._channel, [request], [log, *lifelines, *held])
             answer = self._channel.recv(64)
         except OSError:  # its end is closed, it did not answer in time, or a huge environment
             answer = b''

@@ -94,8 +94,8 @@ class HangWatch:
     look: Callable[[int], Threads | None] = threads_of
     clock: Callable[[], float] = time.monotonic
     _looked_s: float = -_LONGEST_LOOK_S
-    _pulses: dict[int, Pulse] = field(default_factory=dict)
-    _named: dict[int, str] = field(default_factory=dict)  # what was printed, by process
+    _pulses: dict[NodeProcess, Pulse] = field(default_factory=dict)
+    _named: dict[NodeProcess, str] = field(default_factory=dict)  # what was printed
 
     def update(
         self, members: Iterable[NodeProcess], heard: Mapping[str, tuple[str, float]],
@@ -124,10 +124,10 @@ class HangWatch:
         for member in members:
             pid = member.process.pid
             if member.process.poll() is not None:
-                self._pulses.pop(pid, None)
-                self._named.pop(pid, None)
+                self._pulses.pop(member, None)
+                self._named.pop(member, None)
                 continue
-            pulse = self._pulses.setdefault(pid, Pulse(max(_LEAST_S, self.within_s)))
+            pulse = self._pulses.setdefault(member, Pulse(max(_LEAST_S, self.within_s)))
             process, heard_s = heard.get(member.node.path, ('', -1.0))
             if process == str(pid) and heard_s >= last_s:
                 self._on_report(member, pulse)
@@ -143,12 +143,12 @@ class HangWatch:
 
     def name(self, member: NodeProcess, how: str, more: str) -> None:
         """Print how a node hangs, and more; once, until it reports again."""
-        pid, kind = member.process.pid, self._pulses[member.process.pid].hangs
-        if self._named.get(pid) != kind:
-            self._named[pid] = kind
+        kind = self._pulses[member].hangs
+        if self._named.get(member) != kind:
+            self._named[member] = kind
             notify(f'{member.node.label} {how}{more}')
 
     def _on_report(self, member: NodeProcess, pulse: Pulse) -> None:
-        if self._named.pop(member.process.pid, None) is not None:
+        if self._named.pop(member, None) is not None:
             notify(f'{member.node.label} reports again after {pulse.silent_s:.0f} s')
         pulse.report()

@@ -36,7 +36,7 @@ _PRELOADED = (
     'lowsnr_sensor.sensor_node', 'lowsnr_detect.node.detector_node',
     'lowsnr_track.tracker_node', 'lowsnr_eval.evaluator_node')
 _LARGEST_REQUEST = 2**20
-_MOST_FILES = 3  # the log, the line to bring-up, and the claim on the domain
+_MOST_FILES = 128  # the log, the lines to bring-up, and the claim on the domain
 
 
 def _serve(channel: socket.socket) -> str:
@@ -56,8 +56,8 @@ def _serve(channel: socket.socket) -> str:
 
 
 def _set_up(
-    module: str, arguments: list[str], environment: dict[str, str], log: int, lifeline: int,
-    *_held: int,
+    module: str, arguments: list[str], environment: dict[str, str], lines: int, log: int,
+    *held: int,
 ) -> str:
     """Make this process the one that ``python -m MODULE`` starts; return the module."""
     os.setsid()
@@ -65,7 +65,7 @@ def _set_up(
         os.dup2(log, stream)
     os.close(log)
     os.environ.clear()
-    os.environ.update({**environment, LIFELINE: str(lifeline)})
+    os.environ.update({**environment, LIFELINE: ','.join(map(str, held[:lines]))})
     sys.argv[1:] = arguments
     setproctitle(' '.join([sys.executable, '-m', module, *arguments]))
     sys.modules.pop(module, None)  # it runs again, as __main__

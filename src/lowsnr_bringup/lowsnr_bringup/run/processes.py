@@ -7,6 +7,7 @@ from collections.abc import Callable
 from collections.abc import Iterable
 from collections.abc import Iterator
 from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 import signal
@@ -18,6 +19,7 @@ from typing import BinaryIO
 from typing import Protocol
 
 from lowsnr_bringup.plan.graph import Node
+from lowsnr_bringup.plan.node_command import node_command
 from lowsnr_bringup.run.forked_nodes import NodeServer
 from lowsnr_bringup.run.forked_nodes import ServerGone
 from lowsnr_bringup.run.lines import Lines
@@ -33,8 +35,6 @@ from tqdm import tqdm
 
 _TERM_WITHIN_S, _POLL_S = 2.0, 0.01
 _LAST_LINES = 8
-# Nodes log to the results; ROS would write the same to ~/.ros/log, and needs a home for that.
-NO_OTHER_LOGS = '--disable-external-lib-logs'
 _ENDED_BY = {INTERRUPTED: 'SIGINT', TERMINATED: 'SIGTERM'}
 NONE: Mapping[str, object] = MappingProxyType({})
 
@@ -66,7 +66,7 @@ class Process(Protocol):
 @dataclass(eq=False)
 class NodeProcess:
     """
-    A node's process, its log file, and the line to it.
+    A node's process, which it may share with others, its log file, and the line to it.
 
     ``hung`` is why bring-up killed it, if it did.
     """
@@ -76,11 +76,6 @@ class NodeProcess:
     log: Path
     line: Line
     hung: str = ''
-
-    def kill(self, hung: str) -> None:
-        """Kill a process that hangs; it may be stopped, so that no other signal reaches it."""
-        self.hung = hung
-        self.process.kill()
 
     def death(self) -> str:
         """Return how the process ended, in words that follow its name."""
@@ -147,17 +142,23 @@ class ProcessGroup:
     def start(
         self, node: Node, parameter_file: Path, overrides: Mapping[str, object] = NONE,
     ) -> NodeProcess:
+        """Start a node in a process of its own, as :meth:`start_together` does several in one."""
+        return self.start_together({node: overrides}, parameter_file)[0]
+
+    def start_together(
+        self, nodes: Mapping[Node, Mapping[str, object]], parameter_file: Path,
+    ) -> list[NodeProcess]:
         """
-        Start one node; its output is appended to ``<label>.log``.
+        Start nodes in one process; its output is appended to ``<label>.log``.
 
         Parameters
         ----------
-        node
-            The node.  If it had a process before, that is no longer a member.
+        nodes
+            The nodes, subscribers before publishers, and for each the values of parameters that
+            take precedence over those of the file.  A process that one had before is no longer
+            a member.
         parameter_file
-            File with its parameters.
-        overrides
-            Values of parameters that take precedence over those of the file.
+            File with their parameters.
 
         Raises
         ------
@@ -165,37 +166,45 @@ class ProcessGroup:
             If the log cannot be opened, or the machine has no room for another process.
 
         """
-        arguments = [*node.arguments, '--ros-args', '--params-file', str(parameter_file),
-                     '--enclave', node.path, NO_OTHER_LOGS]
-        for name, value in overrides.items():
-            arguments += ['-p', f'{name}:={value}']
-        if node.namespace:
-            arguments += ['-r', f'__ns:={node.namespace}']
-        for remap in node.remaps:
-            arguments += ['-r', remap]
-        path = self._logs / f'{node.label}.log'
+        first = next(iter(nodes))
+        path = self._logs / f'{first.process or first.label}.log'
         path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open('ab') as log:
-            line, theirs = self.lines.add()
-            with theirs:
-                process = self._run(node.module, arguments, log, theirs.fileno())
-        member = NodeProcess(node, process, path, line)
-        self.members = [other for other in self.members if other.node != node] + [member]
-        return member
+        with path.open('ab') as log, ExitStack() as theirs:
+            ends = [self.lines.add() for _ in nodes]
+            lines = [theirs.enter_context(end).fileno() for _, end in ends]
+            process = self._run(*node_command(nodes, parameter_file), log, lines)
+        members = [
+            NodeProcess(node, process, path, line) for node, (line, _) in zip(nodes, ends)]
+        self.members = [each for each in self.members if each.node not in nodes] + members
+        return members
 
-    def _run(self, module: str, arguments: list[str], log: BinaryIO, lifeline: int) -> Process:
+    def _run(
+        self, module: str, arguments: list[str], log: BinaryIO, lines: list[int],
+    ) -> Process:
         """Start a process in a session of its own, so that Ctrl-C reaches the starter only."""
         if self._server is not None:
             try:
                 return self._server.fork(
-                    module, arguments, self._environment, log.fileno(), lifeline, *self._claim)
+                    module, arguments, self._environment, log.fileno(), lines, *self._claim)
             except ServerGone:
                 self._server = None
                 notify('the process that forks nodes is gone; nodes start their own Python')
         return subprocess.Popen(
             [sys.executable, '-m', module, *arguments], stdin=subprocess.DEVNULL, stdout=log,
-            stderr=subprocess.STDOUT, env={**self._environment, LIFELINE: str(lifeline)},
-            pass_fds=(lifeline, *self._claim), start_new_session=True)
+            stderr=subprocess.STDOUT,
+            env={**self._environment, LIFELINE: ','.join(map(str, lines))},
+            pass_fds=(*lines, *self._claim), start_new_session=True)
+
+    def together(self, node: Node) -> list[NodeProcess]:
+        """Return the members that share the process of a node, itself among them."""
+        process = self.member(node).process
+        return [member for member in self.members if member.process is process]
+
+    def kill(self, member: NodeProcess, hung: str) -> None:
+        """Kill a process that hangs; it may be stopped, so that no other signal reaches it."""
+        for each in self.together(member.node):
+            each.hung = hung
+        member.process.kill()
 
     def member(self, node: Node) -> NodeProcess:
         """Return the newest process of a node."""
@@ -212,13 +221,15 @@ class ProcessGroup:
         ``meanwhile`` is called while they end: what they say at last fits on no line that nobody
         reads.
         """
-        running = [m for m in self.members if m.process.poll() is None]
+        by_process = {id(member.process): member for member in self.members}
+        running = [m for m in by_process.values() if m.process.poll() is None]
         for member in running:
             member.process.send_signal(signal.SIGTERM)
             member.process.send_signal(signal.SIGCONT)
         killed = []
         for member in _stuck(running, meanwhile):
-            notify(f'{member.node.label} did not end after SIGTERM: bring-up kills it')
+            notify(f'{member.node.process or member.node.label} did not end after SIGTERM: '
+                   'bring-up kills it')
             member.process.kill()
             killed.append(member)
         for _ in _stuck(killed, meanwhile):

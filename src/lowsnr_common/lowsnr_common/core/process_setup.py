@@ -80,23 +80,27 @@ class StarterLine:
         self._on_end()
 
 
-def end_with_starter() -> StarterLine:
+def end_with_starter(count: int = 1) -> list[StarterLine]:
     """
     Have this process end by SIGTERM when the process that started it is gone.
 
-    The starter passes one end of a pair of sockets and names its file descriptor in the
-    environment variable ``LOWSNR_LIFELINE``.  The kernel closes the other end with the starter.
+    The starter passes one end of a pair of sockets for each node of the process and names their
+    file descriptors in the environment variable ``LOWSNR_LIFELINE``, commas between.  The kernel
+    closes the other ends with the starter.
 
     Returns
     -------
-    StarterLine
-        The line to the starter; without the variable it leads nowhere.
+    list of StarterLine
+        The lines to the starter, one a node; without the variable they lead nowhere.
 
     """
-    number = os.environ.pop(LIFELINE, None)
-    return StarterLine(
-        None if number is None else Line(socket.socket(fileno=int(number))),
-        lambda: os.kill(os.getpid(), signal.SIGTERM))
+    numbers = os.environ.pop(LIFELINE, None)
+    if numbers is None:
+        return [StarterLine(None) for _ in range(count)]
+    return [
+        StarterLine(Line(socket.socket(fileno=int(number))),
+                    lambda: os.kill(os.getpid(), signal.SIGTERM))
+        for number in numbers.split(',')]
 
 
 def keep_freed_memory() -> None:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import array
+from dataclasses import dataclass
 import sys
 
 from lowsnr_common.core.records import Malformed
@@ -17,6 +18,14 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
 _ENCODINGS = {'uint8': 'mono8', 'uint16': 'mono16', 'float32': '32FC1'}
+
+
+@dataclass(frozen=True)
+class LocalFrame:
+    """A frame within a process instead of an image: header and cells, (rows, cols) float32."""
+
+    header: Header
+    cells: np.ndarray
 
 
 def image_to_array(image: Image) -> np.ndarray:
@@ -38,7 +47,7 @@ def image_to_array(image: Image) -> np.ndarray:
     return frame if is_whole(frame) else np.where(abs(frame) <= LARGEST, frame, np.float32('nan'))
 
 
-def image_to_whole_array(image: Image) -> np.ndarray:
+def image_to_whole_array(image: Image | LocalFrame) -> np.ndarray:
     """
     Return what :func:`image_to_array` does of an image in which every pixel has a value.
 
@@ -48,7 +57,7 @@ def image_to_whole_array(image: Image) -> np.ndarray:
         If encoding, step or size do not fit, or a value is not finite or beyond 1e9; says which.
 
     """
-    frame = pixels_of(image)
+    frame = image.cells if isinstance(image, LocalFrame) else pixels_of(image)
     if not is_whole(frame):
         row, col = np.argwhere(~(np.abs(frame) <= LARGEST))[0]
         said = 'beyond 1e9' if np.isfinite(frame[row, col]) else 'not a finite number'

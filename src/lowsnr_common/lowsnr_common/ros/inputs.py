@@ -70,6 +70,14 @@ class Input:
         self._reliability = qos.reliability
         self.subscription = self._subscribe()
 
+    def close(self) -> None:
+        """End the subscription."""
+        self._node.destroy_subscription(self.subscription)
+
+    def drain(self) -> None:
+        """Take all messages that wait."""
+        drain(self.subscription)
+
     def begin(self) -> None:
         """
         Start to measure silence; drop what a camera sent before.
@@ -87,6 +95,9 @@ class Input:
         topic = self.subscription.topic_name
         if self.needed and not self.subscription.get_publisher_count():
             return [Fault(topic, NO_PUBLISHER, 'nobody publishes it')]
+        return self._silent(topic)
+
+    def _silent(self, topic: str) -> list[Fault]:
         since_s = time.perf_counter() - self._received_s
         if self._steady and since_s > self._node.settings.silence_s:
             return [Fault(topic, SILENT, f'no message for {since_s:.0f} s')]
@@ -144,7 +155,7 @@ class Input:
 
     def _take(self, message: Any) -> None:
         if self._first is not None:
-            drain(self._first.subscription)
+            self._first.drain()
         self._received_s = time.perf_counter()
         try:
             self._callback(unpacked(message) if self._compressed else message)

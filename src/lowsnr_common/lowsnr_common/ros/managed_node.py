@@ -27,14 +27,12 @@ from lowsnr_common.ros.diagnostics import Health
 from lowsnr_common.ros.inputs import Input
 from lowsnr_common.ros.messages import stamp_key
 from lowsnr_common.ros.parameters import declare
+from lowsnr_common.ros.process.local_topics import LocalInput
 from lowsnr_common.ros.settings_node import SettingsNode
 from lowsnr_common.settings.node_settings import NodeSettings
-from rclpy.clock import Clock
-from rclpy.clock import ClockType
 from rclpy.lifecycle import LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.qos import QoSProfile
-from rclpy.timer import Timer
 
 _PEERS_WITHIN_S, _THROTTLE_S = 20.0, 5.0
 # Time for the answer to a request for shutdown to arrive.
@@ -69,13 +67,6 @@ class ManagedNode(SettingsNode):
         self.bringup.hear(CHANGE_STATE, Transition, self._on_transition)
         self._diagnostics_timer = self.create_timer(1.0, self.report)
 
-    def create_timer(
-        self, timer_period_sec: float, callback: Callable[[], None], **kwargs: Any,
-    ) -> Timer:
-        """Create a timer that keeps its period when the clock of the machine is set back."""
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        return super().create_timer(timer_period_sec, callback, clock=steady, **kwargs)
-
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Wait for the peers, the first time, then become active."""
         if missing := wait_while(self._missing, _PEERS_WITHIN_S, self.report):
@@ -90,7 +81,7 @@ class ManagedNode(SettingsNode):
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Leave all topics, so that the node can be configured again."""
         for each in self.inputs:
-            self.destroy_subscription(each.subscription)
+            each.close()
         for publisher in self.outputs:
             self.destroy_lifecycle_publisher(publisher)
         for timer in {*self.timers} - {self._diagnostics_timer}:
@@ -132,14 +123,15 @@ class ManagedNode(SettingsNode):
             messages a frame would lag behind an input with one.
 
         """
-        self.inputs.append(Input(self, kind, topic, callback, qos, needed, steady, first))
+        make = LocalInput if self.local.offers(self.resolve_topic_name(topic)) else Input
+        self.inputs.append(make(self, kind, topic, callback, qos, needed, steady, first))
         return self.inputs[-1]
 
     def leave(self, *inputs: Input) -> None:
         """End subscriptions whose messages are no longer used."""
         for each in inputs:
             self.inputs.remove(each)
-            self.destroy_subscription(each.subscription)
+            each.close()
 
     def frame_readers(self, needed: int) -> int:
         """Return how many readers of frames to wait for: the evaluator leaves during a run."""
@@ -148,7 +140,8 @@ class ManagedNode(SettingsNode):
     def _missing(self) -> str:
         if self._connected:  # all were there once, and may have done their work since
             return ''
-        needed = {each: n + self.settings.observers for each, n in self.outputs.items()}
+        needed = {each: n + self.settings.observers - self.local.readers(each.topic_name)
+                  for each, n in self.outputs.items()}
         inputs = [each.subscription for each in self.inputs if each.awaited]
         waits = self.settings.consumers or self.bringup.connected
         return missing_peer(needed, inputs if waits else [])

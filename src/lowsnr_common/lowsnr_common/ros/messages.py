@@ -15,6 +15,7 @@ from lowsnr_common.core.records import Estimate
 from lowsnr_common.core.records import Malformed
 from lowsnr_common.core.records import Prediction
 from lowsnr_common.ros.images import image_to_whole_array
+from lowsnr_common.ros.images import LocalFrame
 from nav_msgs.msg import Odometry
 import numpy as np
 from sensor_msgs.msg import Image
@@ -55,7 +56,7 @@ def frame_to_image(frame: np.ndarray, header: Header) -> Image:
         is_bigendian=int(sys.byteorder == 'big'), step=4 * frame.shape[1], data=data)
 
 
-def image_to_frame(image: Image) -> np.ndarray:
+def image_to_frame(image: Image | LocalFrame) -> np.ndarray:
     """
     Return a 32FC1 image as a frame.
 
@@ -70,7 +71,7 @@ def image_to_frame(image: Image) -> np.ndarray:
         If encoding, step or size do not fit, or a value is not finite or beyond 1e9; says which.
 
     """
-    if image.encoding != ENCODING:
+    if not isinstance(image, LocalFrame) and image.encoding != ENCODING:
         raise Malformed(
             'wrong encoding', f'encoding is {image.encoding[:40]!r}, must be {ENCODING!r}')
     return image_to_whole_array(image).astype(float)

@@ -5,21 +5,26 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any
+from typing import ClassVar
 
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from lowsnr_common.ros.bringup_line import BringupLine
 from lowsnr_common.ros.bringup_line import PARAMETERS
+from lowsnr_common.ros.process.local_topics import LocalTopics
 from lowsnr_common.settings.flat_values import changed
 from lowsnr_common.settings.flat_values import flat_values
 from lowsnr_common.settings.text import one_line
 from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock
+from rclpy.clock import ClockType
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.lifecycle import LifecycleNode
 from rclpy.lifecycle import LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.parameter import Parameter
+from rclpy.timer import Timer
 
 
 class SteadyLifecycleNode(LifecycleNode):
@@ -44,6 +49,13 @@ class SteadyLifecycleNode(LifecycleNode):
         """
         none = PublisherEventCallbacks(use_default_callbacks=False)
         return super().create_publisher(*args, event_callbacks=none, **kwargs)
+
+    def create_timer(
+        self, timer_period_sec: float, callback: Callable[[], None], **kwargs: Any,
+    ) -> Timer:
+        """Create a timer that keeps its period when the clock of the machine is set back."""
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        return super().create_timer(timer_period_sec, callback, clock=steady, **kwargs)
 
     def _explained(
         self, make: Callable[[LifecycleState], TransitionCallbackReturn],
@@ -78,13 +90,30 @@ class SettingsNode(SteadyLifecycleNode):
     A lifecycle node whose parameters are settings.
 
     A subclass with settings that may change declares them as live, keeps the instances in
-    ``self.live``, and overrides :meth:`on_set`.
+    ``self.live``, and overrides :meth:`on_set`.  ``offers`` names the topics whose messages it
+    hands to nodes of its own process, by :meth:`hand_over`, besides publishing them.
     """
+
+    offers: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
         self.live: tuple[Any, ...] = ()
+        self.local = LocalTopics(lambda call: call())
+        self._full_names: dict[str, str] = {}
         self.bringup = BringupLine(self)
+
+    def share(self, local: LocalTopics) -> None:
+        """Hand messages over by these topics, and take them from there, from now on."""
+        self.local = local
+        self._full_names = {topic: self.resolve_topic_name(topic) for topic in self.offers}
+        for full_name in self._full_names.values():
+            local.offer(full_name)
+
+    def hand_over(self, topic: str, message: Any) -> None:
+        """Hand a message to the nodes of this process that read the topic."""
+        if topic in self._full_names:
+            self.local.hand_over(self._full_names[topic], message)
 
     def complete(self, values: dict[str, Any]) -> dict[str, Any]:
         """Return these values and those that change with them; ValueError for a wrong one."""

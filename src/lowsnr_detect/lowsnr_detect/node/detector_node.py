@@ -65,6 +65,8 @@ class DetectorNode(ManagedNode):
     is published when so many frames more have arrived, or when bring-up says that none will.
     """
 
+    offers = ('detections',)
+
     def __init__(self, detector: str, **kwargs: Any) -> None:
         super().__init__(f'{detector}_detector', **kwargs)
         self.name = detector
@@ -218,8 +220,9 @@ class DetectorNode(ManagedNode):
         for item in estimates:
             if item.id:
                 self._odometry.publish(messages.estimate_to_odometry(item, header))
-        self._array.publish(messages.estimates_to_array(
-            estimates, header, self.live[0].sensor.cell_size_m))
+        array = messages.estimates_to_array(estimates, header, self.live[0].sensor.cell_size_m)
+        self._array.publish(array)
+        self.hand_over('detections', array)
         self.counts['out'] += 1
 
 
