@@ -85,14 +85,12 @@ class Supervisor:
         expect_within_s: float = float('inf'),
     ) -> None:
         self._part, self._nodes, self._expect_within_s = part, part.own, expect_within_s
-        self._folder = folder
-        self._frames = frames
+        self._folder, self._frames = folder, frames
         self._patience_s = answer_within_s + _PATIENCE_BEYOND_S
         self._hang_watch = HangWatch(answer_within_s)
-        self._environment, self._server = environment, server
-        self._stop, self._claim = stop, claim
+        self._environment, self._server, self._claim = environment, server, claim
         self._stops_faster: int | None = None  # once the run ends: signals that end it faster
-        self._respawn = respawn
+        self._stop, self._respawn = stop, respawn
         self.account = Account()
         self._watch = FrameWatch(live=any(node.live for node in part.own))
         self.results = ResultsWatch()
@@ -142,8 +140,7 @@ class Supervisor:
             except (GraphFailure, Interrupted) as error:
                 self._end(_FLUSH_WITHIN_S)
                 if isinstance(error, GraphFailure):
-                    return (FAILED, str(error))
-                # The results of the run are those of another part, which goes on.
+                    return (FAILED, str(error))  # below: another part has the results
                 return (INTERRUPTED, 'interrupted') if self._part.evaluates else (DONE, '')
             finally:
                 self._manager.catch_up()
@@ -169,8 +166,8 @@ class Supervisor:
         self._manager.end_frames()
         while not self._part.evaluates:
             self._manager.spin(0.1)  # until the run is over
-        frames, since = self._manager.frames, time.monotonic()
-        scored = frames.scored
+        frames = self._manager.frames
+        scored, since = frames.scored, time.monotonic()
         while frames.ledger.awaits and self._frames is not None:
             self._manager.spin(0.1)
             if frames.scored != scored:
