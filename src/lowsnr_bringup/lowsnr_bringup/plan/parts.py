@@ -36,22 +36,22 @@ class Part:
 
     @property
     def own(self) -> tuple[Node, ...]:
-        """The nodes that run here, in order."""
+        """Return the nodes that run here, in order."""
         return tuple(node for node in self.nodes if node not in self.expected)
 
     @property
     def label(self) -> str:
-        """Name for people and folders; empty for the part with the evaluator, or a whole run."""
+        """Return the name for people and folders; empty for the part with the evaluator, or a whole run."""
         return '' if self.evaluates else self.own[0].label
 
     @property
     def manager(self) -> str:
-        """Name of the node of this part's bring-up."""
+        """Return the name of the node of this part's bring-up."""
         return f'{MANAGER}_{self.label.replace(".", "_")}' if self.label else MANAGER
 
     @property
     def evaluates(self) -> bool:
-        """Whether the results of the run are this part's: it has the evaluator."""
+        """Return whether the results of the run are this part's: it has the evaluator."""
         return not self.expected or any(node.name == 'evaluator' for node in self.own)
 
 
