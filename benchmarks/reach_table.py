@@ -213,7 +213,8 @@ def near_runs(detector: Any, apart: int, options: argparse.Namespace) -> tuple[A
         hits = [len(metrics.match_within_gate(
             metrics.distances(states[:, ::2], own), Evaluation().gate_m)[0]) for own in places]
         found.append([(hit / 2.0, len(own) - hit) for hit, own in zip(hits, places)])
-    return np.array(found)[6:].mean(axis=0).T
+    hit, false = np.array(found)[6:].mean(axis=0).T
+    return hit, false
 
 
 def times(options: argparse.Namespace) -> Iterator[str]:

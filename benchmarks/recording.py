@@ -61,6 +61,7 @@ def record(folder: Path, options: argparse.Namespace) -> tuple[int, float, float
     """Run publisher and recorder; return frames sent, largest delay and recorder's CPU [s]."""
     from lowsnr_bringup.plan.config_files import to_yaml
     from lowsnr_bringup.plan.graph import Node
+    from lowsnr_bringup.plan.parts import Part
     from lowsnr_bringup.ros.manager import ACTIVATE
     from lowsnr_bringup.ros.manager import CONFIGURE
     from lowsnr_bringup.ros.manager import DEACTIVATE
@@ -78,7 +79,7 @@ def record(folder: Path, options: argparse.Namespace) -> tuple[int, float, float
         'topics': [TOPIC], 'rows': options.side, 'cols': options.side}}))
     with ProcessGroup(folder, os.environ) as group:
         recorder = group.start(node, folder / 'parameters.yaml')
-        manager = Manager(group, [node], lambda: None, lambda *_: None)
+        manager = Manager(group, Part((node,)), lambda: None, lambda *_: None)
         rclpy.init()
         publisher = rclpy.create_node('camera').create_publisher(
             Image, TOPIC, reliable(frame_depth(1000, options.side, options.side)))

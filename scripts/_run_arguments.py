@@ -31,6 +31,7 @@ def parse_arguments(arguments: list[str]) -> argparse.Namespace:
     add_processing(parser)
     add_outputs(parser)
     add_network(parser)
+    add_hosts(parser)
     parser.add_argument(
         '--list', choices=('detectors', 'scenarios', 'parameters'),
         help='print all names that --detector or --scenario take, or the parameters that --set '
@@ -176,3 +177,23 @@ def add_network(parser: argparse.ArgumentParser) -> None:
         '--secure', type=Path, metavar='KEYSTORE',
         help='start every node in its enclave of this SROS 2 keystore, with security enforced; '
         'if the keystore lacks something, the error shows the commands that create it')
+
+
+def add_hosts(parser: argparse.ArgumentParser) -> None:
+    """Add the options of a run whose nodes are on several hosts."""
+    parser.add_argument(
+        '--only', nargs='+', default=[], metavar='NODE',
+        help='run only these nodes here, such as evaluator, tracker, sdt_detector, or cdt.tracker '
+        'of several chains; --expect names the others')
+    parser.add_argument(
+        '--expect', nargs='+', default=[], metavar='NODE',
+        help='nodes of the run that the same command runs on other hosts, with another --only and '
+        '--expect and otherwise the same options; without --only all others run here')
+    parser.add_argument(
+        '--expect-within', type=number(0.0, above=True), default=600.0, metavar='S',
+        help='longest wait for the other hosts of the run [s] (default: 600)')
+    parser.add_argument(
+        '--peers', nargs='+', default=[], metavar='HOST',
+        help='open discovery to these hosts, or to all of the local network with the word subnet: '
+        'everybody there who reaches this host can then send to the run; see --secure (default: '
+        'no other host, unless the environment opens it)')

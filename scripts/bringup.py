@@ -21,12 +21,16 @@ from _arguments import shown_path
 from _arguments import USAGE
 import _environment
 from _film_arguments import films
+from _network import opened
+from _network import secure
+from _network import set_environment
 from _run_arguments import extras_of
 from _run_arguments import parse_arguments
 from _run_arguments import print_parameters
 from ros2 import line_to_copy
 
 if TYPE_CHECKING:
+    from lowsnr_bringup.plan.parts import Part
     from lowsnr_bringup.plan.recorded_frames import RecordedRun
     from lowsnr_bringup.plan.run_plan import RunPlan
     from lowsnr_bringup.run.forked_nodes import NodeServer
@@ -56,37 +60,31 @@ def plan_and_run(
 ) -> int:
     """Plan the run, claim its domain and folder, calibrate, and run; return the exit code."""
     from lowsnr_bringup.plan.confirmation import confirm_at_rate
+    from lowsnr_bringup.plan.parts import part_of
     from lowsnr_bringup.run.domain import claim_domain
     from lowsnr_bringup.run.results_folder import fresh_folder
     with ExitStack() as stack:
         try:
             made = films(options, Path(stack.enter_context(TemporaryDirectory())))
             plan = plan_of(options)
-            claim = stack.enter_context(claim_domain())
+            part = part_of(plan.nodes, plan.parameters, options.only, options.expect)
+            claim = stack.enter_context(claim_domain(shared=bool(part.expected)))
             if options.secure is not None:
-                secure(options.secure, [node.enclave for node in plan.nodes])
-            folder = fresh_folder(options.results or RESULTS / plan.name)
+                secure(options.secure, [node.enclave for node in part.own], part.manager)
+            folder = fresh_folder(
+                options.results or RESULTS / '-'.join(filter(None, [plan.name, part.label])))
             space = next(iter(plan.detectors)).rpartition('/')[0]
             line = line_to_copy('topic', 'echo', f'{space}/tracks')  # before the nodes' profile
             say(*confirm_at_rate(plan, say))
-            write_parameters(plan, folder)
+            write_parameters(plan, folder, part.evaluates)
         except (OSError, ValueError) as error:
             say(str(error))
             return USAGE
-        say(*made, *plan.notes)
-        calibrate(plan)
+        say(*made, *plan.notes, *opened(options.peers))
+        calibrate(plan, part)
         if plan.frames is None:
             print(f'to see the tracks, in another terminal:\n{line}', flush=True)
-        return run(
-            plan, folder, shown_path(folder, options.results), stop, server, claim.fileno())
-
-
-def set_environment(options: argparse.Namespace) -> None:
-    """Set the ROS domain and how far it reaches, here and for all nodes."""
-    if not os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE'):  # ROS takes an empty one for SUBNET
-        os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    if options.domain_id is not None:
-        os.environ['ROS_DOMAIN_ID'] = str(options.domain_id)
+        return run(options, plan, part, folder, stop, server, claim.fileno())
 
 
 def plan_of(options: argparse.Namespace) -> 'RunPlan':
@@ -95,9 +93,10 @@ def plan_of(options: argparse.Namespace) -> 'RunPlan':
     from lowsnr_bringup.plan.run_plan import plan_run
 
     def look(topic: str) -> 'RecordedRun':
+        from lowsnr_bringup.plan.graph import MANAGER
         from lowsnr_bringup.ros.camera import inspect_camera
         if options.secure is not None:
-            secure(options.secure, [])
+            secure(options.secure, [], MANAGER)
         return inspect_camera(topic, options.camera_within)
 
     return plan_run(
@@ -105,21 +104,12 @@ def plan_of(options: argparse.Namespace) -> 'RunPlan':
         CONFIG, look)
 
 
-def secure(keystore: Path, nodes: list[str]) -> None:
-    """Make all nodes that start from here on enforce security, each in its own enclave."""
-    from lowsnr_bringup.plan.graph import MANAGER
-    from lowsnr_bringup.ros.bringup_node import check_security
-    from lowsnr_bringup.run.security import secured_environment
-
-    os.environ |= secured_environment(keystore, [f'/{MANAGER}', *nodes], os.environ)
-    check_security()
-
-
-def calibrate(plan: 'RunPlan') -> None:
+def calibrate(plan: 'RunPlan', part: 'Part') -> None:
     """Find the thresholds of matched detectors here, where progress can be shown."""
+    own = {node.path for node in part.own}
     for path, detector in plan.detectors.items():
         values = plan.parameters[path]
-        if values['operating_point'] == 'matched':
+        if path in own and values['operating_point'] == 'matched':
             calibrate_detector(
                 path, detector, values['false_alarm_prob'], (values['rows'], values['cols']), say)
 
@@ -136,8 +126,8 @@ def calibrate_detector(
         return calibrated(detector, prob, shape, progress=show, warn=warn)
 
 
-def write_parameters(plan: 'RunPlan', folder: Path) -> None:
-    """Write what every node of the run reads, and reserve room for the summary."""
+def write_parameters(plan: 'RunPlan', folder: Path, evaluates: bool) -> None:
+    """Write what every node of the run reads; reserve room for the summary of an evaluator."""
     from lowsnr_bringup.plan.config_files import to_yaml
     from lowsnr_bringup.run import results_folder
     from lowsnr_bringup.run.middleware import middleware_environment
@@ -152,20 +142,24 @@ def write_parameters(plan: 'RunPlan', folder: Path) -> None:
         os.environ |= middleware_environment(
             os.environ, folder, rclpy.get_rmw_implementation_identifier())
         file.write_text(to_yaml(plan.parameters), encoding='utf-8')
-        reserve_summary(folder, len(plan.detectors))
+        if evaluates:
+            reserve_summary(folder, len(plan.detectors))
+        else:
+            (folder / results_folder.FRAMES_FILE).unlink()  # the folder is not empty any more
     except OSError as error:
         raise results_folder.cannot_write(folder, error) from None
 
 
-def run(plan: 'RunPlan', folder: Path, shown: str, stop: 'StopSignals', server: 'NodeServer',
-        claim: int) -> int:
+def run(options: argparse.Namespace, plan: 'RunPlan', part: 'Part', folder: Path,
+        stop: 'StopSignals', server: 'NodeServer', claim: int) -> int:
     """Start the graph, wait for its end, and present what it scored; return the exit code."""
     from lowsnr_bringup.ros.domain_guard import DomainTaken
     from lowsnr_bringup.ros.supervisor import Supervisor
 
+    shown = shown_path(folder, options.results)
     supervisor = Supervisor(
-        plan.nodes, folder, plan.frames, plan.parameters['/evaluator']['answer_within_s'], stop,
-        claim, plan.respawn, server=server)
+        part, folder, plan.frames, plan.parameters['/evaluator']['answer_within_s'], stop,
+        claim, plan.respawn, server=server, expect_within_s=options.expect_within)
     with stop.deferred():
         try:
             status, trouble = supervisor.run()
@@ -173,12 +167,12 @@ def run(plan: 'RunPlan', folder: Path, shown: str, stop: 'StopSignals', server: 
             shutil.rmtree(folder)  # it holds nothing but what this run made
             say(str(error))
             return USAGE
-        faults = present(plan, folder, supervisor.account)
+        faults = present(plan, folder, supervisor.account) if part.evaluates else []
         say(*faults, *filter(None, [supervisor.results.fault if faults else '', trouble]))
-        print(f'results in {shown}')
+        print(f'{"results" if part.evaluates else "logs of this part"} in {shown}')
         status = status or int(bool(faults))
     try:
-        if stop.count < 2:
+        if stop.count < 2 and part.evaluates:
             present_by_products(plan, folder, shown)
     except KeyboardInterrupt:
         status = status or INTERRUPTED

@@ -56,3 +56,9 @@ def test_file_of_another_user_is_refused(lock, monkeypatch):
         said = refusal()  # of the file, not of its lock
         assert said.startswith(f'{other}: ')
         assert 'TMPDIR' in said
+
+
+def test_parts_of_one_run_share_a_domain_with_no_whole_run(lock):
+    with claim_domain(shared=True), claim_domain(shared=True):
+        assert 'ROS domain 7:' in refusal()
+    claim_domain().close()

@@ -4,6 +4,7 @@
 from types import SimpleNamespace
 
 from lowsnr_bringup.plan.graph import run_nodes
+from lowsnr_bringup.plan.parts import Part
 from lowsnr_bringup.ros.graph_start import GraphStart
 from lowsnr_bringup.ros.manager import ACTIVATE
 from lowsnr_bringup.ros.manager import CONFIGURE
@@ -19,12 +20,13 @@ class Graph:
     """A graph whose nodes answer some steps after they are asked, with a clock of its own."""
 
     def __init__(self):
+        self.reports, self.states = self, {}
         self.now_s, self.answers, self.pids = 0.0, True, iter(range(100, 10_000))
         self.members = {node: self.process(node) for node in NODES}
         self.state = dict.fromkeys(NODES, 0)
         self.asked, self.made = [], []  # node and transition
         self.rejections = {}  # how many requests for a transition a node rejects still
-        self.start = GraphStart(self, self, NODES, lambda: self.now_s)
+        self.start = GraphStart(self, self, Part(tuple(NODES)), clock=lambda: self.now_s)
 
     def process(self, node):
         """Return a new process of a node."""
@@ -147,3 +149,33 @@ def test_a_node_that_does_not_answer_is_named_ever_more_seldom_and_ends_the_star
     assert [int(line.split('(')[1].split()[0]) for line in lines] == [
         10, 20, 40, 80, 160, 320]
     assert all(node.label in line for line in lines for node in NODES)
+
+
+def test_nodes_of_another_part_are_waited_for_in_the_order_of_the_run():
+    graph = Graph()
+    expected = frozenset(NODES[2:5])
+    reported = dict.fromkeys(expected, 'away')
+    graph.parts = SimpleNamespace(state=reported.get, conflict=lambda: '')
+    graph.start = GraphStart(graph, graph, Part(tuple(NODES), expected), 100.0,
+                             lambda: graph.now_s)
+    graph.state |= dict.fromkeys(expected, 1)
+    assert not any(graph.step() for _ in range(20))
+    assert {transition for _, transition in graph.made} == {CONFIGURE}
+    reported.update(dict.fromkeys(expected, 'configured'))
+    assert not any(graph.step() for _ in range(20))
+    assert graph.made[-2:] == [(node, ACTIVATE) for node in NODES[:2]]
+    reported.update(dict.fromkeys(expected, 'active'))
+    graph.state |= dict.fromkeys(expected, 2)
+    assert any(graph.step() for _ in range(200))
+    assert set(graph.state.values()) == {2}
+
+
+@pytest.mark.parametrize(('state', 'conflict', 'words'), [
+    ('elsewhere', '', '--expect-within'), ('active', 'other options', 'other options')])
+def test_part_that_does_not_come_or_fit_ends_the_start(state, conflict, words):
+    graph = Graph()
+    graph.parts = SimpleNamespace(state=lambda _: state, conflict=lambda: conflict)
+    graph.start = GraphStart(graph, graph, Part(tuple(NODES), frozenset(NODES[:1])), 20.0,
+                             lambda: graph.now_s)
+    with pytest.raises(GraphFailure, match=words):
+        graph.run(50)

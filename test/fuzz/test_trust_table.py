@@ -30,6 +30,7 @@ NODES = {
 SUBSCRIBING = {
     'lowsnr_common/ros/inputs.py', 'lowsnr_bringup/ros/camera.py',
     'lowsnr_bringup/ros/recorded_topic.py',
+    'lowsnr_bringup/ros/heard/other_parts.py',  # only in a run on several hosts
     'lowsnr_bringup/cli/ros/subscription.py'}  # that of the ros2 command, which runs no graph
 
 

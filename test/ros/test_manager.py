@@ -6,6 +6,7 @@ import os
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from graph_runs import own_domain
+from lowsnr_bringup.plan.parts import Part
 from lowsnr_bringup.ros.manager import Manager
 from lowsnr_bringup.run.processes import ProcessGroup
 from lowsnr_common.core.line import Line
@@ -27,7 +28,7 @@ def told(monkeypatch, tmp_path):
     monkeypatch.setenv('ROS_DOMAIN_ID', str(own_domain()))
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     with ProcessGroup(tmp_path, os.environ) as group:
-        manager = Manager(group, [], lambda: None, lambda *_: None)
+        manager = Manager(group, Part(()), lambda: None, lambda *_: None)
         _, theirs = group.lines.add()
         with theirs:
             yield manager, lambda message, subject=SCORED: Line(theirs).send(
@@ -41,13 +42,14 @@ def test_record_that_is_no_scored_frame_is_counted_and_named_once(told, capsys):
         tell(DiagnosticArray())
     tell(FrameScored(10**9, 1, (ChainCounts('cdt', 2, 1),)).to_message())
     manager.spin(0.1)
-    assert manager.scored == 1
+    assert manager.frames.scored == 1
     assert manager.rejected == {'number of chains': 3}
     line, = capsys.readouterr().err.splitlines()
-    assert 'evaluator' in line
+    assert 'scored' in line
     # Without a source in the run the frames that the evaluator sees are those published.
-    manager.ledger.close(1, 1)
-    assert (manager.ledger.published, manager.ledger.unseen, manager.ledger.lost) == (1, 0, 0)
+    ledger = manager.frames.ledger
+    ledger.close(1, 1)
+    assert (ledger.published, ledger.unseen, ledger.lost) == (1, 0, 0)
 
 
 def test_source_continues_after_what_it_told_itself_alone(told):

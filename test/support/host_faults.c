@@ -1,5 +1,5 @@
 /* Stands between a process and its host.  The file that HOST_FAULTS names holds two numbers: the
-   nanoseconds to add to the clock, and whether to drop every datagram. */
+   nanoseconds to add to the clock, and how many of 10,000 datagrams to drop. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <fcntl.h>
@@ -92,10 +92,13 @@ int pthread_mutex_timedlock(pthread_mutex_t *mutex, const struct timespec *until
   return lock(mutex, &at);
 }
 
+static __thread unsigned int seed;
+
 static int lost(int socket) {
   int kind = 0;
   socklen_t size = sizeof kind;
-  return faults[1] && !getsockopt(socket, SOL_SOCKET, SO_TYPE, &kind, &size) && kind == SOCK_DGRAM;
+  if (!seed) seed = syscall(SYS_gettid);
+  return faults[1] && rand_r(&seed) % 10000 < faults[1] && !getsockopt(socket, SOL_SOCKET, SO_TYPE, &kind, &size) && kind == SOCK_DGRAM;
 }
 
 ssize_t sendmsg(int socket, const struct msghdr *message, int flags) {

@@ -27,21 +27,22 @@ class HostFaults:
 
     def __init__(self, folder: Path, compiler: str) -> None:
         self._faults = folder / 'faults'
-        self._write(0, lost=False)
+        self._write(0, 0.0)
         library = folder / 'host_faults.so'
         subprocess.run([compiler, '-shared', '-fPIC', '-o', library, _SOURCE], check=True)
         self.environment = {'LD_PRELOAD': str(library), 'HOST_FAULTS': str(self._faults)}
 
     def set_clock(self, hours: float) -> None:
         """Set the clock ahead of, or behind, the true one."""
-        self._write(hours, lost=False)
+        self._write(hours, 0.0)
         FAULTS['clock of the host set'] += 1
 
-    def lose_datagrams(self, lost: bool) -> None:
-        """Have the network drop every datagram, or deliver them again."""
-        self._write(0, lost)
-        FAULTS[f'datagrams {"lost" if lost else "delivered again"}'] += 1
+    def lose_datagrams(self, share: float) -> None:
+        """Have the network drop this share of all datagrams, from now on."""
+        self._write(0, share)
+        FAULTS[f'datagrams {"lost" if share else "delivered again"}'] += 1
 
-    def _write(self, hours: float, lost: bool) -> None:
+    def _write(self, hours: float, share: float) -> None:
         with self._faults.open('r+b' if self._faults.exists() else 'wb') as file:
-            file.write(struct.pack('=qq', round(hours * 3_600_000_000_000), lost))
+            file.write(struct.pack(
+                '=qq', round(hours * 3_600_000_000_000), round(share * 10_000)))

@@ -119,9 +119,9 @@ def outage(lone):
 def test_every_datagram_may_be_lost_for_ten_seconds(bringup, host_faults, outage):
     run = bringup(*RUN)
     run.wait_for_rows(20)
-    host_faults.lose_datagrams(True)
+    host_faults.lose_datagrams(1.0)
     outage()
-    host_faults.lose_datagrams(False)
+    host_faults.lose_datagrams(0.0)
     check_that_it_goes_on(run)
 
 

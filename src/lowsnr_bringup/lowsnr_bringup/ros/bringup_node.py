@@ -16,15 +16,15 @@ from rclpy.signals import SignalHandlerOptions
 
 
 @contextmanager
-def bringup_node(rosout: bool = True) -> Iterator[Node]:
+def bringup_node(name: str = MANAGER, rosout: bool = True) -> Iterator[Node]:
     """Make bring-up's node, which leaves ROS at the end of the ``with`` block."""
     context = rclpy.Context()
     rclpy.init(
-        args=['--ros-args', '--enclave', f'/{MANAGER}', NO_OTHER_LOGS], context=context,
+        args=['--ros-args', '--enclave', f'/{name}', NO_OTHER_LOGS], context=context,
         signal_handler_options=SignalHandlerOptions.NO)
     try:
         node = Node(
-            MANAGER, context=context, use_global_arguments=False, enable_rosout=rosout,
+            name, context=context, use_global_arguments=False, enable_rosout=rosout,
             start_parameter_services=False)  # it takes messages, and answers no service
         try:
             yield node
@@ -34,9 +34,9 @@ def bringup_node(rosout: bool = True) -> Iterator[Node]:
         context.try_shutdown()
 
 
-def check_security() -> None:
+def check_security(name: str = MANAGER) -> None:
     """
-    Make and drop bring-up's node, with security as the environment asks for it.
+    Make and drop bring-up's node of a name, with security as the environment asks for it.
 
     Raises
     ------
@@ -46,11 +46,11 @@ def check_security() -> None:
     """
     set_logger_level('rcl', LoggingSeverity.WARN)  # it would print where the enclave is
     try:
-        with bringup_node(rosout=False):  # rclpy warns of it when the node is rejected
+        with bringup_node(name, rosout=False):  # rclpy warns of it when the node is rejected
             pass
     except RuntimeError as error:  # rclpy raises it for every error of the middleware
         reason = str(error).splitlines()[0].partition(', at /')[0]
         raise ValueError(
-            f'--secure: the middleware does not start a node in its enclave (/{MANAGER}: '
+            f'--secure: the middleware does not start a node in its enclave (/{name}: '
             f'{reason}): source an installed ROS 2 Jazzy, whose middleware has security, or make '
             'the enclave again') from None

@@ -7,7 +7,6 @@ from collections import Counter
 from collections.abc import Iterable
 import time
 
-from lowsnr_bringup.plan.graph import MANAGER
 from rclpy.node import Node
 
 # Nodes that were there before are discovered within about 0.15 s.
@@ -43,12 +42,13 @@ class DomainGuard:
     node
         Bring-up's node.  The time to discover others counts from here.
     paths
-        Full names of the nodes of this run.
+        Full names of the nodes of this run, or of the part of it that runs here.
 
     """
 
     def __init__(self, node: Node, paths: Iterable[str]) -> None:
         self._node, self._paths = node, {*paths}
+        self._own = node.get_fully_qualified_name()
         self._until_s = time.monotonic() + _DISCOVERED_WITHIN_S
 
     def check_before_start(self) -> None:
@@ -59,15 +59,15 @@ class DomainGuard:
 
     def check(self) -> None:
         """Raise DomainTaken if another bring-up answers, which was discovered late."""
-        self._raise({name for name in self._others() if name == f'/{MANAGER}'})
+        self._raise({name for name in self._others() if name == self._own})
 
     def _others(self) -> set[str]:
         """Return which names of this run others have."""
         found = Counter(
             f'{space.rstrip("/")}/{name}'
             for name, space in self._node.get_node_names_and_namespaces())
-        found[f'/{MANAGER}'] -= 1  # bring-up's own node
-        return {name for name in (*self._paths, f'/{MANAGER}') if found[name] > 0}
+        found[self._own] -= 1
+        return {name for name in (*self._paths, self._own) if found[name] > 0}
 
     def _raise(self, names: set[str]) -> None:
         if names:

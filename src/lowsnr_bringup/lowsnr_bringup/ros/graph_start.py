@@ -4,11 +4,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from collections.abc import Sequence
 from dataclasses import dataclass
 import time
 
 from lowsnr_bringup.plan.graph import Node
+from lowsnr_bringup.plan.parts import Part
+from lowsnr_bringup.ros.heard.part_report import ACTIVE
+from lowsnr_bringup.ros.heard.part_report import AWAY
+from lowsnr_bringup.ros.heard.part_report import CONFIGURED
+from lowsnr_bringup.ros.heard.part_report import DONE
+from lowsnr_bringup.ros.heard.part_report import ELSEWHERE
 from lowsnr_bringup.ros.manager import ACTIVATE
 from lowsnr_bringup.ros.manager import CONFIGURE
 from lowsnr_bringup.ros.manager import GraphFailure
@@ -30,10 +35,12 @@ class _Ascent:
     """
     How far one process of a node has come on its way to be active.
 
-    ``asked`` is the transition that it has been asked for, 0 for none, and ``since_s`` when.
+    ``member`` is None where the node runs in another part of the run.  ``asked`` is the transition
+    that it has been asked for, 0 for none, and ``since_s`` when.
     """
 
-    member: NodeProcess
+    node: Node
+    member: NodeProcess | None = None
     configured: bool = False
     active: bool = False
     asked: int = 0
@@ -52,19 +59,24 @@ class GraphStart:
     ----------
     manager, group
         The client of the nodes' lifecycles, and the processes.
-    nodes
-        The nodes, subscribers before publishers.
+    part
+        The nodes.  Those of other parts are waited for; their own bring-up starts them.
+    expect_within_s
+        Longest wait for another part [s].
     clock
         The time [s].
 
     """
 
     def __init__(
-        self, manager: Manager, group: ProcessGroup, nodes: Sequence[Node],
-        clock: Callable[[], float] = time.monotonic,
+        self, manager: Manager, group: ProcessGroup, part: Part,
+        expect_within_s: float = float('inf'), clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._manager, self._group, self._clock = manager, group, clock
-        self._ascents = {node: _Ascent(group.member(node)) for node in nodes}
+        self._expected, self._expect_until_s = part.expected, clock() + expect_within_s
+        self._ascents = {
+            node: _Ascent(node, None if node in part.expected else group.member(node))
+            for node in part.nodes}
         self._replaced = False  # whether any node has a new process
         self._waited_for: list[str] = []
         self._since_s, self._name_after_s = clock(), _NAME_AFTER_S
@@ -76,7 +88,8 @@ class GraphStart:
         Raises
         ------
         GraphFailure
-            If a node rejects a transition or does not make it in time.
+            If a node rejects a transition or does not make it in time, or another part does not
+            come in time or is not one of this run.
 
         """
         while not self.step():
@@ -84,11 +97,34 @@ class GraphStart:
 
     def step(self) -> bool:
         """Ask the nodes for what they can do next; return whether all are active."""
-        running = [node for node in self._ascents if self._runs(node)]
+        for node in self._expected:
+            self._look_at(self._ascents[node])
+        own = [node for node in self._ascents if node not in self._expected]
+        running = [node for node in own if self._runs(node)]
         for node in running:
             self._advance(self._ascents[node])
+        for node in own:
+            ascent = self._ascents[node]
+            self._manager.states[node.path] = (
+                ACTIVE if ascent.active else CONFIGURED if ascent.configured else AWAY)
         self._name_waiting()
         return all(ascent.active for ascent in self._ascents.values())
+
+    def _look_at(self, ascent: _Ascent) -> None:
+        """Look how far a node of another part has come; one that was away begins anew."""
+        state = self._manager.parts.state(ascent.node)
+        configured = state in (CONFIGURED, ACTIVE, DONE)
+        self._replaced |= ascent.configured and not configured
+        ascent.configured, ascent.active = configured, state in (ACTIVE, DONE)
+        if conflict := self._manager.parts.conflict():
+            raise GraphFailure(conflict)
+        if state == ELSEWHERE and self._clock() > self._expect_until_s:
+            missing = ', '.join(
+                node.label for node in self._ascents if node in self._expected
+                and self._manager.parts.state(node) == ELSEWHERE)
+            raise GraphFailure(
+                f'{missing}: expected, but no bring-up that runs them was heard in time '
+                '(--expect-within): start it with the same options and domain, and see --peers')
 
     def _runs(self, node: Node) -> bool:
         """Return whether a node runs; one that died, or has a new process, begins anew."""
@@ -98,7 +134,7 @@ class GraphStart:
             ascent.active = True  # it has published all of its few frames
         elif status is not None or member is not ascent.member:
             self._replaced = True
-            self._ascents[node] = _Ascent(member)
+            self._ascents[node] = _Ascent(node, member)
         return status is None
 
     def _advance(self, ascent: _Ascent) -> None:
@@ -107,8 +143,8 @@ class GraphStart:
             if not (asked := self._next(ascent)):
                 return
             ascent.asked, ascent.since_s = asked, self._clock()
-            ascent.pending = self._manager.request(ascent.member.node, asked)
-        made, label = ascent.pending.poll(), ascent.member.node.label
+            ascent.pending = self._manager.request(ascent.node, asked)
+        made, label = ascent.pending.poll(), ascent.node.label
         if made is None:
             if self._clock() - ascent.since_s > (within_s := _WITHIN_S[ascent.asked]):
                 raise GraphFailure(
@@ -116,7 +152,8 @@ class GraphStart:
             return
         if not made and not (ascent.asked == ACTIVATE and self._replaced):
             raise GraphFailure(f'{label} rejected a change of its state')
-        self._manager.hear(ascent.member.node.path, str(ascent.member.process.pid))
+        process = self._group.member(ascent.node).process
+        self._manager.reports.hear(ascent.node.path, str(process.pid))
         ascent.configured = True
         ascent.active = made and ascent.asked == ACTIVATE
         ascent.asked, ascent.pending = 0, None
@@ -134,8 +171,10 @@ class GraphStart:
     def _name_waiting(self) -> None:
         """Print which nodes bring-up has been waiting for, and for what."""
         waited_for = [
-            f'{ascent.member.node.label} to {_VERBS[ascent.asked]}'
+            f'{ascent.node.label} to {_VERBS[ascent.asked]}'
             for ascent in self._ascents.values() if ascent.asked]
+        waited_for += [f'{node.label} of another part' for node, ascent in self._ascents.items()
+                       if node in self._expected and not ascent.configured]
         now_s = self._clock()
         if waited_for != self._waited_for:
             self._waited_for, self._since_s = waited_for, now_s

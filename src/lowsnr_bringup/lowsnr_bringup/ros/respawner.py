@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable
 import csv
 from dataclasses import dataclass
 from dataclasses import field
@@ -112,6 +113,15 @@ class Respawner:
         """Return the nodes that have died and are not active again yet."""
         return set(self._cases)
 
+    def join(self, nodes: Iterable[Node]) -> None:
+        """Schedule the start of nodes of a graph that runs on other hosts already."""
+        self.autostart, now_s = True, time.monotonic()
+        for node in nodes:
+            known = self.manager.restarted[node.label] = self.manager.parts.restarts(node.path)
+            self._deaths[node] = Deaths(self.policy, known + 1)
+            self._cases[node] = _Case(
+                'was away with its host', self.manager.frames.scored, now_s, now_s)
+
     def schedule(self, member: NodeProcess) -> bool:
         """Schedule the restart of a dead member; return False if it stays dead."""
         node, now_s = member.node, time.monotonic()
@@ -126,9 +136,10 @@ class Respawner:
         clear_leftovers()
         first = self._cases.get(node)
         died_s = first.died_s if first else now_s
-        self._cases[node] = _Case(member.death(), self.manager.scored, died_s, now_s + wait_s)
+        frame = self.manager.frames.scored
+        self._cases[node] = _Case(member.death(), frame, died_s, now_s + wait_s)
         notify(
-            f'{node.label} {member.death()} at frame {self.manager.scored}; '
+            f'{node.label} {member.death()} at frame {frame}; '
             f'bring-up starts it again (restart {deaths.count})')
         return True
 
@@ -140,7 +151,7 @@ class Respawner:
                 together = [member.node for member in self.group.together(node)]
                 if all(self._due(other, now_s) for other in together):
                     self._start(together)
-            elif self.manager.is_active(node, case.process.process.pid):
+            elif self.manager.reports.is_active(node, case.process.process.pid):
                 del self._cases[node]
                 self._announce(node, case, now_s)
 

@@ -4,18 +4,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from collections.abc import Sequence
 from contextlib import closing
 from contextlib import suppress
 import os
 from pathlib import Path
-import signal
 import time
 
 from lowsnr_bringup.plan.graph import Node
 from lowsnr_bringup.plan.node_command import by_process
+from lowsnr_bringup.plan.parts import Part
+from lowsnr_bringup.ros.graph_end import GraphEnd
 from lowsnr_bringup.ros.graph_start import GraphStart
-from lowsnr_bringup.ros.manager import DEACTIVATE
+from lowsnr_bringup.ros.heard.part_report import DONE as PUBLISHED_ALL
+from lowsnr_bringup.ros.heard.part_report import RUNNING
 from lowsnr_bringup.ros.manager import GraphFailure
 from lowsnr_bringup.ros.manager import Manager
 from lowsnr_bringup.ros.node_watch import FrameWatch
@@ -34,7 +35,7 @@ from lowsnr_bringup.run.stop_signals import StopSignals
 from tqdm import tqdm
 
 _END_WITHIN_S = 30.0
-_FLUSH_WITHIN_S = 2.0
+_FLUSH_WITHIN_S = _HEARD_WITHIN_S = 2.0
 # Time beyond that of the evaluator's own wait for answers, after which no frame will be scored.
 _PATIENCE_BEYOND_S = 2.0
 DONE, FAILED, INTERRUPTED = 0, 1, 130
@@ -44,14 +45,18 @@ class Interrupted(Exception):
     """A signal asks the run to end, or to end faster."""
 
 
+class RunOver(Exception):
+    """The part of the run that has the evaluator has ended."""
+
+
 class Supervisor:
     """
-    Runs a graph to its end.
+    Runs a graph, or the part of it that is this host's, to its end.
 
     Parameters
     ----------
-    nodes
-        The nodes, consumers first; the source of the frames, if any, last.
+    part
+        The nodes.  A part without the evaluator ends when the one with it does.
     folder
         Results folder, which holds ``parameters.yaml``; logs go to its ``log``.
     frames
@@ -70,25 +75,26 @@ class Supervisor:
         Environment of the nodes.
     server
         Forks the nodes; without it each starts its own Python.
+    expect_within_s
+        Longest wait for the other parts of the run [s].
 
     """
 
     def __init__(
-        self, nodes: Sequence[Node], folder: Path, frames: int | None, answer_within_s: float,
+        self, part: Part, folder: Path, frames: int | None, answer_within_s: float,
         stop: StopSignals, claim: int, respawn: bool = False,
         environment: Mapping[str, str] = os.environ, server: NodeServer | None = None,
+        expect_within_s: float = float('inf'),
     ) -> None:
-        self._nodes = nodes
-        self._folder = folder
-        self._frames = frames
+        self._part, self._nodes, self._expect_within_s = part, part.own, expect_within_s
+        self._folder, self._frames = folder, frames
         self._patience_s = answer_within_s + _PATIENCE_BEYOND_S
         self._hang_watch = HangWatch(answer_within_s)
-        self._environment, self._server = environment, server
-        self._stop, self._claim = stop, claim
+        self._environment, self._server, self._claim = environment, server, claim
         self._stops_faster: int | None = None  # once the run ends: signals that end it faster
-        self._respawn = respawn
+        self._stop, self._respawn = stop, respawn
         self.account = Account()
-        self._watch = FrameWatch(live=any(node.live for node in nodes))
+        self._watch = FrameWatch(live=any(node.live for node in part.own))
         self.results = ResultsWatch()
         self._missed: dict[Node, str] = {}  # nodes that stay dead, and how they died
 
@@ -106,12 +112,16 @@ class Supervisor:
                 self._folder / 'log', self._environment, self._server,
                 self._claim) as self._group, \
                 closing(Manager(
-                    self._group, self._nodes, self._check, self._on_scored)) as self._manager:
+                    self._group, self._part, self._check, self._on_scored)) as self._manager:
             if self._server is not None:
                 self._server.wait()
             self._manager.guard.check_before_start()
+            self._manager.parts.wait_for_reports(self._manager.catch_up)
+            if conflict := self._manager.parts.conflict():
+                return (FAILED, conflict)
+            self._joins = self._manager.parts.running
             try:
-                for node, *others in by_process(self._nodes):
+                for node, *others in () if self._joins else by_process(self._nodes):
                     self._group.start_together(
                         dict.fromkeys([node, *others], NONE), self._folder / PARAMETERS_FILE)
             except OSError as error:
@@ -125,67 +135,56 @@ class Supervisor:
             self._respawner = Respawner(
                 self._group, self._manager, self._folder, _texts(self._folder))
             try:
-                self._follow()
+                with suppress(RunOver):
+                    self._follow()
                 self._end(_END_WITHIN_S)
                 lacking = [death for node, death in self._missed.items() if node.needed]
                 return (FAILED, lacking[0]) if lacking else (DONE, '')
             except (GraphFailure, Interrupted) as error:
                 self._end(_FLUSH_WITHIN_S)
-                failed = isinstance(error, GraphFailure)
-                return (FAILED, str(error)) if failed else (INTERRUPTED, 'interrupted')
+                if isinstance(error, GraphFailure):
+                    return (FAILED, str(error))  # below: another part has the results
+                return (INTERRUPTED, 'interrupted') if self._part.evaluates else (DONE, '')
             finally:
                 self._group.stop(self._manager.catch_up)
                 self._manager.catch_up()  # what they said at last belongs to the account
                 self._watch_nodes()
-                self.account = Account(
-                    self._manager.ledger, self._manager.restarted, self._manager.alarm_rates)
+                self.account = self._manager.account()
 
     def _follow(self) -> None:
         """Start the graph, and wait until the source is done and its frames are scored."""
-        GraphStart(self._manager, self._group, self._nodes).run()
-        self._respawner.autostart = True
+        if self._joins:
+            self._respawner.join(self._nodes)
+        else:
+            GraphStart(self._manager, self._group, self._part, self._expect_within_s).run()
+        self._respawner.autostart, self._manager.stage = True, RUNNING
         self._bar.unpause()  # the rate is that of the frames, not of the start
         self._bar.set_description('running')
         while not self._source_done():
             self._manager.spin(0.1)
+        until_s = time.monotonic() + _HEARD_WITHIN_S
+        while self._manager.frames.newest_ns < self._manager.parts.newest_ns and (
+                time.monotonic() < until_s):  # the last word of another part's source
+            self._manager.spin(0.02)
         self._manager.catch_up()
         self._manager.end_frames()
-        scored, since = self._manager.scored, time.monotonic()
-        while self._manager.ledger.awaits and self._frames is not None:
+        while not self._part.evaluates:
+            self._manager.spin(0.1)  # until the run is over
+        frames = self._manager.frames
+        scored, since = frames.scored, time.monotonic()
+        while frames.ledger.awaits and self._frames is not None:
             self._manager.spin(0.1)
-            if self._manager.scored != scored:
-                scored, since = self._manager.scored, time.monotonic()
+            if frames.scored != scored:
+                scored, since = frames.scored, time.monotonic()
             if time.monotonic() - since > self._patience_s:
                 break
 
     def _end(self, within_s: float) -> None:
-        """
-        Deactivate the source first, and the evaluator after all whose answers it scores.
-
-        The recorder comes last, because it records the others.  Where a signal asks for it, nodes
-        end without that: the evaluator has written what it scored.
-        """
+        """End the nodes in order; where a signal asks for it, without that."""
         self._stops_faster = self._stop.count + 1
-        self._manager.expect_changes()
         known = self._respawner.away | set(self._missed)
-        dead = {member.node for member in self._group.dead()} | known
-        recorders = [node for node in self._nodes if node.name == 'recorder']
-        others = [node for node in reversed(self._nodes) if node not in recorders]
         with suppress(Interrupted):
-            for member in map(self._group.member, others + recorders):
-                if member.node not in dead:
-                    self._deactivate(member, within_s)
-                if member.process.poll() and member.node not in known:
-                    notify(f'while stopping: {member.node.label} {member.death()}')
-
-    def _deactivate(self, member: NodeProcess, within_s: float) -> None:
-        """Deactivate a node, also one that was stopped, and print why if that fails."""
-        member.process.send_signal(signal.SIGCONT)
-        try:
-            self._manager.change(
-                member.node, DEACTIVATE, within_s, lambda: member.process.poll() is None)
-        except GraphFailure as error:
-            notify(f'while stopping: {error}')
+            GraphEnd(self._manager, self._group, self._part).run(within_s, known)
 
     def _check(self) -> None:
         """Handle dead nodes; raise if the run is interrupted or cannot go on without one."""
@@ -193,6 +192,9 @@ class Supervisor:
             raise Interrupted
         if self._stops_faster:
             return
+        if not self._part.evaluates and self._manager.parts.over:
+            raise RunOver
+        self._manager.parts.watch()
         if not self._respawner.autostart:
             self._manager.guard.check()
         for member in self._group.dead():
@@ -208,7 +210,7 @@ class Supervisor:
     def _end_hanging(self) -> None:
         """Kill the nodes that hang where they are to be started again, otherwise name them."""
         starting = not self._respawner.autostart
-        hanging = self._hang_watch.update(self._group.members, self._manager.heard)
+        hanging = self._hang_watch.update(self._group.members, self._manager.reports.heard)
         for member, how in hanging.items():
             if self._respawn or starting:
                 self._group.kill(member, how)
@@ -220,22 +222,27 @@ class Supervisor:
         """Print the faults of the node that takes raw frames, and of the evaluator's results."""
         taker = next((node.path for node in reversed(self._nodes) if node.takes_raw), '')
         for path, watch in ((taker, self._watch), ('/evaluator', self.results)):
-            if path in self._manager.statuses:
-                watch.update(self._manager.statuses.pop(path))
+            if path in self._manager.reports.statuses:
+                watch.update(self._manager.reports.statuses.pop(path))
 
     def _continue_without(self, member: NodeProcess) -> None:
         """Continue without a node that stays dead, or raise if the run needs it."""
-        report = (f'{member.node.label} {member.death()} at frame {self._manager.scored}; '
+        report = (f'{member.node.label} {member.death()} at frame {self._manager.frames.scored}; '
                   f'the end of {member.log}:\n{member.last_lines()}')
         spare = not member.node.needed or (self._respawn and member.node.name == 'recorder')
         self._missed[member.node] = report
-        if not (spare and self._manager.scored):
+        if not (spare and self._manager.frames.scored):
             raise GraphFailure(report)
         notify(f'the run goes on without {report}')
 
     def _source_done(self) -> bool:
-        return any(member.node.source and member.process.returncode == 0
-                   for member in self._group.dead())
+        """Return whether the source of the run, here or in another part, has done its work."""
+        done = [member.node for member in self._group.dead()
+                if member.node.source and member.process.returncode == 0]
+        self._manager.states |= {node.path: PUBLISHED_ALL for node in done}
+        return bool(done) or any(
+            self._manager.parts.state(node) == PUBLISHED_ALL
+            for node in self._part.expected if node.source)
 
     def _on_scored(self, frame: int, detections: int, tracks: int) -> None:
         self._bar.update(frame - self._bar.n)

@@ -21,9 +21,14 @@ _ENDING_S, _LOOK_EVERY_S = 5.0, 0.05
 _REMEDY = ': remove it, or set TMPDIR to a folder of your own'
 
 
-def claim_domain() -> TextIO:
+def claim_domain(shared: bool = False) -> TextIO:
     """
     Claim the ROS domain of this process's environment for a run.
+
+    Parameters
+    ----------
+    shared
+        Whether other parts of the same run may have it too.
 
     Returns
     -------
@@ -44,7 +49,7 @@ def claim_domain() -> TextIO:
     until = time.monotonic() + _ENDING_S
     while True:
         try:
-            fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(claim, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
             return claim
         except OSError:
             holders = _holders(claim)

@@ -52,6 +52,12 @@ class FrameLedger:
         else:
             self._awaited[stamp] = None
 
+    def publish_unheard(self, total: int) -> None:
+        """Count the frames that are missing of a total published: their stamps were not heard."""
+        unheard = max(0, total - self.published) if self._told else 0
+        self.published += unheard
+        self.unseen += unheard
+
     def score(self, stamp: int, number: int) -> None:
         """Count a frame that the evaluator announced, by its stamp [ns] and its number."""
         passed = 0

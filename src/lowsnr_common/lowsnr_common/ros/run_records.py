@@ -9,6 +9,7 @@ text that anybody may publish.  This is the one module that writes and reads tha
 from __future__ import annotations
 
 from collections.abc import Iterable
+from collections.abc import Mapping
 from dataclasses import asdict
 from dataclasses import dataclass
 import re
@@ -54,7 +55,7 @@ class FrameScored:
     def to_message(self) -> DiagnosticArray:
         """Return the record as a message: one status for each chain."""
         message = DiagnosticArray(status=[
-            DiagnosticStatus(name=chain.detector, values=_pairs(
+            DiagnosticStatus(name=chain.detector, values=pairs(
                 frame=self.frame, detections=chain.detections, tracks=chain.tracks))
             for chain in self.chains])
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(self.stamp_ns, _NANO)
@@ -106,7 +107,7 @@ class NodeRestarted:
         """Return the record as a message of one status."""
         return DiagnosticArray(status=[DiagnosticStatus(
             level=DiagnosticStatus.WARN, name=self.node, message=self.death,
-            values=_pairs(started_s_ago=f'{self.started_s_ago:.3f}'))])
+            values=pairs(started_s_ago=f'{self.started_s_ago:.3f}'))])
 
     @classmethod
     def from_message(cls, message: DiagnosticArray) -> NodeRestarted:
@@ -123,10 +124,10 @@ class NodeRestarted:
         if len(message.status) != 1:
             raise Malformed('number of nodes', f'{len(message.status)} nodes, must be 1')
         status, = message.status
-        name = _name(status)
+        name = name_of(status)
         if not name.startswith('/'):
             raise Malformed('not a full name', f'{name!r} is not the full name of a node')
-        text = _values(status, ('started_s_ago',))['started_s_ago']
+        text = values_of(status, ('started_s_ago',))['started_s_ago']
         if not _SECONDS.fullmatch(text) or float(text) > _LONGEST_START_S:
             raise Malformed('not a time', f'started_s_ago = {text[:40]!r}, must be 0 to '
                             f'{_LONGEST_START_S:g} s')
@@ -136,7 +137,7 @@ class NodeRestarted:
 def rate_to_message(node: str, rate: AlarmRate) -> DiagnosticArray:
     """Return the false-alarm rate of a detector, by the full name of its node, as a message."""
     shares = {key: '' if share is None else f'{share:.9f}' for key, share in asdict(rate).items()}
-    return DiagnosticArray(status=[DiagnosticStatus(name=node, values=_pairs(**shares))])
+    return DiagnosticArray(status=[DiagnosticStatus(name=node, values=pairs(**shares))])
 
 
 def rate_from_message(message: DiagnosticArray) -> tuple[str, AlarmRate]:
@@ -153,30 +154,35 @@ def rate_from_message(message: DiagnosticArray) -> tuple[str, AlarmRate]:
     if len(message.status) != 1:
         raise Malformed('number of nodes', f'{len(message.status)} nodes, must be 1')
     status, = message.status
-    texts = _values(status, ('asked', 'measured'))
+    texts = values_of(status, ('asked', 'measured'))
     for key, text in texts.items():
         if text and not (_SHARE.fullmatch(text) and float(text) <= 1.0):
             raise Malformed('not a share', f'{key} = {text[:40]!r} is not from 0 to 1')
-    return _name(status), AlarmRate(
+    return name_of(status), AlarmRate(
         **{key: float(text) if text else None for key, text in texts.items()})
 
 
-def _pairs(**values: object) -> list[KeyValue]:
+def pairs(**values: object) -> list[KeyValue]:
+    """Return values by key as a status holds them."""
     return [KeyValue(key=key, value=str(value)) for key, value in values.items()]
 
 
 def _counts(status: DiagnosticStatus) -> tuple[int, ChainCounts]:
     """Return the number of the frame, and what a chain declared in it."""
-    texts = _values(status, ('frame', 'detections', 'tracks'))
-    for key, text in texts.items():
-        if not _COUNT.fullmatch(text):
-            raise Malformed('not a count', f'{key} = {text[:40]!r} is not a count')
-    return int(texts['frame']), ChainCounts(
-        _name(status), int(texts['detections']), int(texts['tracks']))
+    texts = values_of(status, ('frame', 'detections', 'tracks'))
+    return count_of(texts, 'frame'), ChainCounts(
+        name_of(status), count_of(texts, 'detections'), count_of(texts, 'tracks'))
 
 
-def _values(status: DiagnosticStatus, wanted: Iterable[str]) -> dict[str, str]:
-    """Return the values of a status that has these keys, each once, and no other."""
+def count_of(texts: Mapping[str, str], key: str) -> int:
+    """Return the count that a value states; Malformed if it is none."""
+    if not _COUNT.fullmatch(texts[key]):
+        raise Malformed('not a count', f'{key} = {texts[key][:40]!r} is not a count')
+    return int(texts[key])
+
+
+def values_of(status: DiagnosticStatus, wanted: Iterable[str]) -> dict[str, str]:
+    """Return the values of a status that has these keys, each once, and no other; or Malformed."""
     keys = [item.key for item in status.values]
     if sorted(keys) != sorted(wanted):
         raise Malformed('wrong keys', f'the keys are {[key[:40] for key in keys[:5]]}, must be '
@@ -184,7 +190,8 @@ def _values(status: DiagnosticStatus, wanted: Iterable[str]) -> dict[str, str]:
     return {item.key: item.value for item in status.values}
 
 
-def _name(status: DiagnosticStatus) -> str:
+def name_of(status: DiagnosticStatus) -> str:
+    """Return the name of a status; Malformed if it has more than 255 letters."""
     name = str(status.name)
     if len(name) > _LONGEST_NAME:
         raise Malformed('name too long', f'name {name[:20]!r}... has {len(name)} letters, at '

@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A run in parts: two on one host, and two on hosts that fail each other in several ways."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+
+from graph_runs import own_domain
+from graph_runs import ROOT
+import pytest
+
+SPLIT_RUN = ROOT / 'test' / 'support' / 'split_run.py'
+NEW_NETWORK = ['unshare', '--map-root-user', '--net']
+MOST = ('evaluator', 'tracker', 'sensor')
+LOCKSTEP = ('--scenario', 'example3', '--frames', '60', '--lockstep')
+FRAMES, RATE_HZ = 600, 30.0
+PACED = ('--scenario', 'example3', '--frames', str(FRAMES), '--rate', str(RATE_HZ))
+TABLES = ('frames.csv', 'detections.csv', 'tracks.csv', 'truth.csv')
+
+
+def tables(run):
+    """Return the bytes of all tables of a run."""
+    return {name: (run.results / name).read_bytes() for name in TABLES}
+
+
+def test_parts_on_one_host_give_the_bytes_of_the_whole_run(bringup):
+    detector = bringup(
+        *LOCKSTEP, '--only', 'sdt', '--expect', *MOST, results='detector')
+    most = bringup(*LOCKSTEP, '--only', *MOST, '--expect', 'sdt_detector', results='most')
+    code, out, err = most.finish()
+    assert code == 0, err
+    code, _, err = detector.finish()
+    assert code == 0, err
+    assert not (detector.results / 'summary.json').exists()
+    whole = bringup(*LOCKSTEP, results='whole')
+    assert whole.finish()[0] == 0
+    assert tables(most) == tables(whole)
+    assert most.summary()['frames'] == whole.summary()['frames']
+
+
+def test_evaluator_apart_from_the_source_accounts_for_every_frame(bringup):
+    source = bringup(*LOCKSTEP, '--expect', 'evaluator', 'tracker', results='source')
+    judge = bringup(
+        *LOCKSTEP, '--only', 'evaluator', 'tracker', '--expect', 'sdt_detector', 'sensor',
+        results='judge')
+    assert judge.finish()[0] == 0
+    assert source.finish()[0] == 0
+    assert judge.summary()['frames'] == {
+        'expected': 60, 'published': 60, 'scored': 60, 'unanswered': 0, 'unseen': 0, 'lost': 0}
+
+
+def test_part_that_is_interrupted_ends_with_0_and_one_that_comes_back_joins(bringup):
+    first = bringup(*PACED, '--only', 'sdt', '--expect', *MOST, results='first')
+    most = bringup(*PACED, '--expect', 'sdt', results='most')
+    most.wait_for_rows(40)
+    first.process.send_signal(signal.SIGINT)
+    assert first.finish()[0] == 0
+    second = bringup(*PACED, '--only', 'sdt', '--expect', *MOST, results='second')
+    second.wait_for_restarts(1)
+    assert most.finish()[0] == 0
+    assert second.finish()[0] == 0
+    frames = most.summary()['frames']
+    assert frames['published'] == FRAMES == frames['scored'] + frames['unanswered']
+    assert frames['unanswered'] > 0
+    assert most.summary()['restarts'] == {'sdt_detector': 1}
+
+
+def test_evaluator_that_is_interrupted_saves_its_scores_and_ends_the_other_parts(bringup):
+    detector = bringup(*PACED, '--only', 'sdt', '--expect', *MOST, results='detector')
+    most = bringup(*PACED, '--expect', 'sdt', results='most')
+    most.wait_for_rows(40)
+    most.process.send_signal(signal.SIGINT)
+    assert most.finish()[0] == 130
+    assert detector.finish()[0] == 0
+    assert most.summary()['frames']['scored'] >= 20
+
+
+def test_part_of_other_options_starts_nothing(bringup):
+    detector = bringup(*LOCKSTEP, '--only', 'sdt', '--expect', *MOST, results='detector')
+    most = bringup(*LOCKSTEP, '--seed', '1', '--expect', 'sdt', results='most')
+    for run in (detector, most):
+        code, _, err = run.finish()
+        assert code == 1
+        assert 'other options' in err
+    assert not most.rows()
+
+
+def test_part_that_does_not_come_is_named(bringup):
+    run = bringup(*LOCKSTEP, '--expect', 'sdt', '--expect-within', '3')
+    code, _, err = run.finish()
+    assert code == 1
+    assert 'sdt_detector: expected' in err
+    assert '--expect-within' in err
+
+
+@pytest.fixture
+def split(tmp_path, require_program):
+    """Return a function that runs two hosts, on one of which something happens."""
+    require_program('cc')
+    able = subprocess.run([*NEW_NETWORK, 'ip', 'link'], capture_output=True, check=False)
+    assert able.returncode == 0, 'this test makes network namespaces, as root or a user who may'
+    plain = {key: value for key, value in os.environ.items() if key not in (
+        'ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_STATIC_PEERS', 'ROS_LOCALHOST_ONLY')}
+
+    def run(event):
+        done = subprocess.run(
+            [*NEW_NETWORK, sys.executable, str(SPLIT_RUN), str(tmp_path), event, *PACED],
+            env=plain | {'ROS_DOMAIN_ID': str(own_domain()),
+                         'PYTHONPATH': os.pathsep.join(sys.path)},
+            capture_output=True, text=True, timeout=900.0, check=False)
+        assert done.returncode == 0, done.stderr
+        found = json.loads(done.stdout)
+        assert found['codes'] == [0, 0], found['log']
+        frames = found['frames']
+        assert frames['published'] == FRAMES == sum(
+            frames[key] for key in ('scored', 'unanswered', 'unseen', 'lost'))
+        return found
+    return run
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('event', ['unplugged', 'clocks', 'lossy'])
+def test_hosts_lose_no_frame_by_a_short_outage_wrong_clocks_or_lost_packets(split, event):
+    found = split(event)
+    assert found['frames']['scored'] == FRAMES
+    assert found['restarts'] == {}
+
+
+def test_host_that_is_killed_comes_back_and_only_its_outage_lacks_answers(split):
+    found = split('killed')
+    lacking = found['lacking']
+    assert found['restarts'] == {'sdt_detector': 1}
+    assert len(lacking) == found['frames']['unanswered'] > 0
+    assert lacking == list(range(lacking[0], lacking[-1] + 1))  # the outage, and no other frame
+    # What came in a second before its announcement may still have been lost.
+    assert len(lacking) <= RATE_HZ * (found['away_s'] + 1.0)
