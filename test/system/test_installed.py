@@ -48,8 +48,8 @@ def test_command_runs_a_graph_outside_the_checkout(installed):
     folder, _ = installed
     out = run(installed, 'bringup', '--detector', 'cdt', '--frames', '3', '--lockstep')
     results = folder / 'results' / 'example4-cdt'
-    assert out.splitlines()[-2:] == [
-        'results in results/example4-cdt', 'report: results/example4-cdt/report.html']
+    assert 'results in results/example4-cdt' in out.splitlines()
+    assert out.splitlines()[-1] == 'report: results/example4-cdt/report.html'
     assert (results / 'summary.json').is_file()
     page = (results / 'report.html').read_text(encoding='utf-8')
     assert 'ros2 run lowsnr_bringup bringup --detector cdt' in page
