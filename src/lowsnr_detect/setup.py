@@ -22,7 +22,8 @@ setup(
     maintainer=manifest.findtext('maintainer'),
     maintainer_email=manifest.find('maintainer').get('email'),
     packages=find_packages(exclude=['test']),
-    package_data={package_name: ['py.typed', 'calibration/curves/*.json']},
+    package_data={
+        package_name: ['py.typed', 'calibration/curves/*.json', 'adaptive/tails/*.json']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml']),

@@ -7,12 +7,15 @@ from lowsnr_common.core.measurement import SensorModel
 from lowsnr_common.settings.flat_values import changed
 from lowsnr_common.settings.flat_values import flat_values
 from lowsnr_common.settings.frame_period import at_frame_period
-from lowsnr_detect.adaptive import white_tail as module
-from lowsnr_detect.adaptive.white_tail import white_tail
+from lowsnr_detect.adaptive import known_tails as module
+from lowsnr_detect.adaptive.known_tails import white_tail
 from lowsnr_detect.detectors.cusum import CUSUM
 from lowsnr_detect.detectors.sdt import SDT
 import numpy as np
 import pytest
+
+# A detector whose statistic is not that of a shipped tail.
+OTHER = CUSUM(drift=0.37)
 
 
 @pytest.fixture
@@ -20,31 +23,31 @@ def simulations(tmp_path, monkeypatch):
     """Return the sizes that were simulated, with a cache of the test's own."""
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
     monkeypatch.setattr(module, '_FRAMES', 3)
-    found, simulated = [], module._simulated
+    found, simulated = [], module.simulated_tail
 
-    def counted(detector, rows, cols):
+    def counted(detector, rows, cols, frames):
         found.append((rows, cols))
-        return simulated(detector, rows, cols)
+        return simulated(detector, rows, cols, frames)
 
-    monkeypatch.setattr(module, '_simulated', counted)
+    monkeypatch.setattr(module, 'simulated_tail', counted)
     white_tail.cache_clear()
     yield found
     white_tail.cache_clear()
 
 
 def test_the_next_process_reads_what_was_simulated(simulations):
-    first = white_tail(CUSUM(), 512, 640)
+    first = white_tail(OTHER, 512, 640)
     white_tail.cache_clear()  # as in another process
-    assert white_tail(CUSUM(), 512, 640) == first
+    assert white_tail(OTHER, 512, 640) == first
     assert simulations == [(64, 64)]
 
 
 def test_frame_period_and_frames_beyond_the_simulated_size_do_not_matter(simulations):
-    first = white_tail(CUSUM(), 64, 64)
+    first = white_tail(OTHER, 64, 64)
     motion = replace(CUSUM().motion, max_speed_mps=60.0, min_speed_mps=0.0)
-    slow = CUSUM(motion=motion)
+    slow = replace(OTHER, motion=motion)
     for period_s in (1.0 / 30.0, 1.00001 / 30.0):
-        assert white_tail(at_period(CUSUM(), period_s), 480, 640) == first
+        assert white_tail(at_period(OTHER, period_s), 480, 640) == first
     assert white_tail(slow, 64, 64) != first
     assert len(simulations) == 2
 

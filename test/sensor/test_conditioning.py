@@ -95,7 +95,8 @@ def test_cosmic_rays_are_limited_and_a_bright_object_is_not():
     frames[40, 51:54, 20:26] += 600.0
     outputs = conditioned(frames)
     for rows, cols in ((slice(4, 7), slice(4, 7)), (slice(24, 28), slice(9, 14))):
-        assert 3.0 < outputs[40].cells[rows, cols].max() < 6.0
+        # The limit of 3.5, less the mean of the surroundings.
+        assert 2.5 < outputs[40].cells[rows, cols].max() < 4.0
         assert abs(outputs[41].cells[rows, cols]).max() < 3.5
     seen = at_object(outputs, truth)[10:]
     # A filter of .8 pixel sums to 2.8: pixels limited at 3.5 could not exceed 10.

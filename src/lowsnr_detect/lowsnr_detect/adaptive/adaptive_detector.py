@@ -17,8 +17,8 @@ from typing import cast
 
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_detect.adaptive.adaptive_threshold import AdaptiveThreshold
+from lowsnr_detect.adaptive.known_tails import white_tail
 from lowsnr_detect.adaptive.tail_memory import TailMemory
-from lowsnr_detect.adaptive.white_tail import white_tail
 from lowsnr_detect.parts.cell_detector import CellDetector
 from lowsnr_detect.parts.detector import Declarations
 from lowsnr_detect.parts.detector import Detector
@@ -26,6 +26,11 @@ import numpy as np
 
 # A threshold that acts on no memory: no path is more evident [nat].
 _OUT_OF_REACH = 100.0
+
+
+def statistics(detector: CellDetector) -> tuple[CellDetector, ...]:
+    """Return the members of a detector, with no threshold that acts on their memory."""
+    return replace(detector, threshold=_OUT_OF_REACH).members
 
 
 @dataclass(frozen=True)
@@ -70,7 +75,7 @@ class AdaptiveDetector:
     @functools.cached_property
     def tails(self) -> tuple[AdaptiveThreshold, ...]:
         """Return the threshold of each member, which begins with that in white noise."""
-        members = cast(CellDetector, replace(self.detector, threshold=_OUT_OF_REACH)).members
+        members = statistics(cast(CellDetector, self.detector))
         prob = -math.expm1(math.log1p(-self.prob) / len(members))
         return tuple(
             AdaptiveThreshold(

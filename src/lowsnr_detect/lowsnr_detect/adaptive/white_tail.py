@@ -9,22 +9,11 @@ probability-weighted moments (Hosking and Wallis 1987).
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from dataclasses import dataclass
-import functools
-import hashlib
 import math
-from pathlib import Path
-from typing import Any
 
 from lowsnr_common.core.streams import stream
-from lowsnr_common.settings.flat_values import flat_values
-from lowsnr_common.settings.frame_period import at_unit_period
 from lowsnr_detect.adaptive.local_maxima import local_maxima
-from lowsnr_detect.calibration.cache import cache_key
-from lowsnr_detect.calibration.cache import default_folder
-from lowsnr_detect.calibration.cache import load
-from lowsnr_detect.calibration.cache import save
 from lowsnr_detect.parts.cell_detector import CellDetector
 import numpy as np
 
@@ -41,9 +30,8 @@ _LEAST_MAXIMA = 2_000
 _RAREST = 0.015
 # Logs of the probabilities for which the excess is known; between them it is interpolated.
 _LOG_PROB = -0.25 * np.arange(101)
-# Simulated noise, after the statistic has settled: rows and columns at least and at most, because
-# maxima are lower at the edges of small frames, and cells of all runs.
-_LEAST, _SIDE, _CELLS, _SETTLING, _FRAMES = 16, 64, 32_768, 15, 250
+# Simulated noise: cells of all runs, and frames until the statistic has settled.
+_CELLS, _SETTLING = 32_768, 15
 
 
 @dataclass(frozen=True)
@@ -122,39 +110,11 @@ class WhiteTail:
         return self.level + self.scale * float(self.excess(np.maximum(-np.log(wanted), 0.0)))
 
 
-@functools.lru_cache(maxsize=32)
-def white_tail(detector: CellDetector, rows: int = _SIDE, cols: int = _SIDE) -> WhiteTail:
-    """
-    Return the tail of the local maxima of a statistic in white noise, in frames of a size.
-
-    It takes about a second to simulate, so that it is kept on disk as calibrations are.  The frame
-    period does not matter: that of a camera is measured anew at each start.
-    """
-    rows, cols = (min(max(size, _LEAST), _SIDE) for size in (rows, cols))
-    detector, folder = at_unit_period(detector), default_folder()
-    code = b''.join(path.read_bytes() for path in sorted(Path(__file__).parent.glob('*.py')))
-    key = cache_key(type(detector), {
-        'settings': flat_values(detector), 'shape': [rows, cols],
-        'tail': hashlib.sha256(code).hexdigest()})
-    if (known := load(folder, key, _ignore)) is not None:
-        values: dict[str, Any] = {
-            name: tuple(value) if isinstance(value, list) else value
-            for name, value in known.items()}
-        return WhiteTail(**values)
-    found = _simulated(detector, rows, cols)
-    save(folder, key, asdict(found), _ignore)
-    return found
-
-
-def _ignore(text: str) -> None:
-    """Say nothing of a file that cannot be used or written: it costs a second."""
-
-
-def _simulated(detector: CellDetector, rows: int, cols: int) -> WhiteTail:
-    """Return the tail in simulated white noise."""
+def simulated_tail(detector: CellDetector, rows: int, cols: int, frames: int) -> WhiteTail:
+    """Return the tail in simulated white noise, of runs of a number of frames of a size."""
     rng, shape = stream(0, 'calibration'), (_CELLS // (rows * cols), rows, cols)
     state, values = detector.init(shape), []
-    for number in range(_SETTLING + _FRAMES):
+    for number in range(_SETTLING + frames):
         noise = detector.sensor.draw_noise(shape, rng)
         state, planes = detector.statistic(state, noise)
         if number >= _SETTLING:
@@ -164,4 +124,4 @@ def _simulated(detector: CellDetector, rows: int, cols: int) -> WhiteTail:
     maxima = np.concatenate(values).astype(float)
     if len(maxima) < _LEAST_MAXIMA:
         return WhiteTail.bound(detector.peak_reach)
-    return WhiteTail.of(maxima, len(maxima) / (_FRAMES * math.prod(shape)))
+    return WhiteTail.of(maxima, len(maxima) / (frames * math.prod(shape)))

@@ -19,8 +19,9 @@ import numpy as np
 import scipy.ndimage
 import scipy.special
 
-# A cell may exceed the first, only up to the second times what was near it in the frame before.
-TRANSIENT, BRIGHTER = 4.5, 2.0
+# A cell may exceed the first, only up to the second times what was near it in the frame before: of
+# the two dozen cells there white noise brings one to 2, and must not explain a cosmic ray.
+TRANSIENT, BRIGHTER = 3.5, 1.25
 # Cells that hold less of the matched filter's energy than this are not observed.
 _LEAST_ENERGY = 0.25
 
