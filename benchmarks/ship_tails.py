@@ -63,6 +63,7 @@ def tail_cases() -> 'Iterator[CellDetector]':
         options = argparse.Namespace(
             detector=names, scenario='example4', overrides=[], rows=None, cols=None)
         for _, detector, _, _ in planned(options, snr_db, None):
+            assert isinstance(detector, CellDetector)
             yield from map(at_unit_period, statistics(detector))
 
 

@@ -113,9 +113,9 @@ def _rounded(value: Any) -> Any:
 
 
 def _tail(record: Record) -> WhiteTail:
-    return WhiteTail(**{
-        name: tuple(value) if isinstance(value, list) else value
-        for name, value in record.items()})
+    values: dict[str, Any] = {
+        name: tuple(value) if isinstance(value, list) else value for name, value in record.items()}
+    return WhiteTail(**values)
 
 
 def _ignore(text: str) -> None:
