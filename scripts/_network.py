@@ -4,6 +4,7 @@
 import argparse
 import os
 from pathlib import Path
+import socket
 
 
 def set_environment(options: argparse.Namespace) -> None:
@@ -20,7 +21,12 @@ def set_environment(options: argparse.Namespace) -> None:
 
 
 def opened(peers: list[str]) -> list[str]:
-    """Return a line that says to whom discovery is open, if an option opened it."""
+    """Return a line that says to whom an option opens discovery; ValueError for no host."""
+    for name in peers if peers != ['subnet'] else ():
+        try:
+            socket.gethostbyname(name)
+        except OSError as error:
+            raise ValueError(f'--peers: {name} has no address: {error.strerror}') from None
     return [f'discovery is open to {", ".join(peers)}: everybody there, and whoever names this '
             'host, can send to the nodes of this run; --secure lets in only who has a key'
             ] if peers else []

@@ -65,6 +65,7 @@ def plan_and_run(
     from lowsnr_bringup.run.results_folder import fresh_folder
     with ExitStack() as stack:
         try:
+            notes = opened(options.peers)
             made = films(options, Path(stack.enter_context(TemporaryDirectory())))
             plan = plan_of(options)
             part = part_of(plan.nodes, plan.parameters, options.only, options.expect)
@@ -80,7 +81,7 @@ def plan_and_run(
         except (OSError, ValueError) as error:
             say(str(error))
             return USAGE
-        say(*made, *plan.notes, *opened(options.peers))
+        say(*made, *plan.notes, *notes)
         calibrate(plan, part)
         if plan.frames is None:
             print(f'to see the tracks, in another terminal:\n{line}', flush=True)
