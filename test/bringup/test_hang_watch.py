@@ -2,6 +2,7 @@
 """A node that hangs is told from one that computes, waits for a disk, or reports late."""
 
 from contextlib import contextmanager
+import itertools
 from pathlib import Path
 import signal
 import subprocess
@@ -15,9 +16,10 @@ from lowsnr_bringup.run.hang_watch import NEVER_REPORTED
 from lowsnr_bringup.run.hang_watch import Pulse
 from lowsnr_bringup.run.hang_watch import SILENT
 from lowsnr_bringup.run.hang_watch import STOOD_STILL
-from lowsnr_bringup.run.hang_watch import Threads
-from lowsnr_bringup.run.hang_watch import threads_of
 from lowsnr_bringup.run.processes import NodeProcess
+from lowsnr_bringup.run.threads import Patience
+from lowsnr_bringup.run.threads import Threads
+from lowsnr_bringup.run.threads import threads_of
 import pytest
 
 NODE = Node('tracker', 'lowsnr_track.tracker_node')
@@ -76,6 +78,30 @@ def test_a_process_that_is_gone_says_nothing():
         process.kill()
         process.wait()
         assert threads_of(process.pid) is None
+
+
+@pytest.mark.parametrize(('looks', 'over_s'), [
+    ([Threads(False, 0)], 2.1),  # it has nothing to do
+    ([None], 2.1),  # the system does not say what it does
+    ([Threads(True, 0)], 30.1),  # it computes, or waits for a processor
+    ([Threads(True, 0)] * 9 + [Threads(False, 0)], 20.1)])  # it computes nine tenths of the time
+def test_a_process_is_waited_for_while_it_is_busy(looks, over_s):
+    ticks = itertools.count()
+    times = itertools.count(0.0, 0.1)
+    patience = Patience(
+        1, idle_s=1.99, look=lambda _: looks[next(ticks) % len(looks)], clock=lambda: next(times))
+    looked = next(n for n in itertools.count(1) if patience.is_over())
+    assert 0.1 * looked == pytest.approx(over_s, abs=0.15)
+
+
+@pytest.mark.parametrize(('program', 'over'), [(SLEEPS, True), (COMPUTES, False)])
+def test_the_wait_for_a_process_depends_on_what_it_does(program, over):
+    with started(program) as process:
+        patience = Patience(process.pid, idle_s=0.2)
+        until = time.monotonic() + 0.6
+        while time.monotonic() < until and not patience.is_over():
+            time.sleep(0.02)
+        assert patience.is_over() == over
 
 
 def pulse_after(looks, within_s=10.0, reported=True):

@@ -8,7 +8,7 @@ import sys
 
 from graph_runs import graph_environment
 from graph_runs import own_domain
-from lowsnr_bringup.run.shared_memory import clear_leftovers
+from lowsnr_bringup.run.middleware import clear_leftovers
 import pytest
 
 # Without a profile of ours, so that it uses shared memory as Fast DDS does by default.

@@ -5,6 +5,10 @@ import signal
 
 from graph_client import FUTURE_S
 
+# A node that died is back within this time on a busy machine too [s]: until then the frame that
+# it had in hand is awaited, and in lockstep no other is sent.
+PATIENT = ('--set', 'evaluator.answer_within_s=40')
+
 
 def check_end(run, code):
     """Check a run's exit code, that nothing of it is left, and that no node raised."""
@@ -21,6 +25,31 @@ def interrupt(run):
     lines = len(run.rows())
     run.process.send_signal(signal.SIGINT)
     return lines
+
+
+def check_none_lost(run, chains=1):
+    """Check that the table holds what the summary says, and return that."""
+    frames, rows = run.summary()['frames'], run.rows()
+    table = frames['scored'] + frames['unanswered']
+    assert [int(row.split(',')[0]) for row in rows] == [
+        number for number in range(1, table + 1) for _ in range(2 * chains)]
+    assert frames['published'] == table + frames['unseen']
+    assert (frames['lost'], min(frames['unseen'], 0)) == (0, 0)
+    return frames
+
+
+def check_cut_off(run, under_way=1, chains=1):
+    """
+    Check that an interrupted run lacks the answers to the frames that were under way alone.
+
+    They are the last frames of its table, or follow it.  In lockstep `under_way` is 1, and the lag
+    more; of a paced run it is None, as there may be any number on a busy machine.
+    """
+    frames = check_none_lost(run, chains)
+    if under_way is not None:
+        assert 0 <= frames['unanswered'] + frames['unseen'] <= under_way
+    cut_off = {int(row.split(',')[0]) for row in run.rows() if not row.split(',')[5]}
+    assert cut_off == {frames['scored'] + n for n in range(1, frames['unanswered'] + 1)}
 
 
 def check_frames(run, lines, loose=3):

@@ -16,6 +16,7 @@ from lowsnr_bringup.bags.recording import summarize_recording
 from lowsnr_bringup.recorder_node import FAILED
 from lowsnr_bringup.recorder_node import REMOVED
 import pytest
+from run_checks import check_cut_off
 
 RUN = ('--detector', 'cdt', '--loop', '--lockstep')
 
@@ -54,11 +55,9 @@ def wait_for_bag(run, folder):
 def check_whole(run):
     """Check that the table has every frame that was published, and none twice."""
     frames = run.summary()['frames']
-    numbers = [int(row.split(',')[0]) for row in run.rows()]
-    assert numbers == [number for number in range(1, numbers[-1] + 1) for _ in range(2)]
-    assert numbers[-1] == frames['scored'] + frames['unanswered']
-    assert frames['unseen'] <= 1  # the one under way at the end
-    assert (run.results / 'latency.csv').read_text().count('\n') == 1 + frames['scored']
+    check_cut_off(run)
+    timed = (run.results / 'latency.csv').read_text().count('\n') - 1
+    assert frames['scored'] <= timed <= frames['scored'] + frames['unanswered']
 
 
 def test_scores_wait_for_room_on_a_full_disk(bringup, small_disk, client):

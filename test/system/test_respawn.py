@@ -15,12 +15,14 @@ import numpy as np
 import pytest
 from run_checks import check_end
 from run_checks import check_lost_at_death
+from run_checks import PATIENT
 from tally import FAULTS
 
 NODES = ('sensor_node', 'detector_node', 'tracker_node', 'evaluator_node')
 LABELS = {'detector_node': 'cdt_detector'}
 DEATHS = 8
-LOCKSTEP = ('--detector', 'cdt', '--scenario', 'example3', '--snr', '12', '--loop', '--lockstep')
+LOCKSTEP = ('--detector', 'cdt', '--scenario', 'example3', '--snr', '12', '--loop', '--lockstep',
+            *PATIENT)
 
 
 def end_a_node(run, module, number):
@@ -84,7 +86,7 @@ def test_every_node_comes_back(survivor, number):
 
 def test_any_node_may_die_at_any_frame(bringup):
     rng = np.random.default_rng(3)
-    run = bringup('--detector', 'cdt', 'sdt', '--loop', '--lockstep')
+    run = bringup('--detector', 'cdt', 'sdt', '--loop', '--lockstep', *PATIENT)
     run.wait_for_rows(40)
     for number in range(DEATHS):
         run.wait_for_rows(len(run.rows()) + 4 * int(rng.integers(1, 20)))
@@ -108,7 +110,8 @@ def test_killed_detector_loses_the_frames_that_it_held_for_their_late_answers(br
     lag = 3
     run = bringup(
         '--detector', 'hmm', '--scenario', 'example3', '--snr', '12', '--loop', '--lockstep',
-        '--set', f'hmm.lag={lag}', '--set', 'hmm.operating_point=nominal', '--set', 'hmm.order=1')
+        '--set', f'hmm.lag={lag}', '--set', 'hmm.operating_point=nominal', '--set', 'hmm.order=1',
+        *PATIENT)
     run.wait_for_rows(40)
     for module in ('detector_node', 'tracker_node', 'evaluator_node'):
         end_a_node(run, module, signal.SIGKILL)
@@ -119,8 +122,9 @@ def test_killed_detector_loses_the_frames_that_it_held_for_their_late_answers(br
     empty = [row.split(',')[3] for row in run.rows() if not row.split(',')[5]]
     # The tracker lost the frame that it had in hand at most; the end leaves some unanswered too.
     assert lag <= empty.count('detection') <= 3 * (lag + 1)
-    # A detector that dies while it sends may have reached the evaluator and not the tracker.
-    assert empty.count('tracking') <= empty.count('detection') + 2
+    # A detector that dies while it sends may have reached the evaluator and not the tracker, and
+    # the last frame may be under way between them at the end.
+    assert empty.count('tracking') <= empty.count('detection') + 3
 
 
 def test_nodes_killed_while_the_graph_starts_are_started_again(bringup):
@@ -154,7 +158,8 @@ def test_nodes_share_no_memory_that_a_killed_one_could_leave_locked(bringup):
 def test_a_node_killed_while_frames_are_sent_comes_back(bringup, tmp_path):
     scenario = tmp_path / 'large.yaml'
     scenario.write_text('{frames: 100, rows: 600, cols: 500, snr_db: 12.0, objects: []}')
-    run = bringup('--detector', 'cdt', '--scenario', str(scenario), '--loop', '--lockstep')
+    run = bringup('--detector', 'cdt', '--scenario', str(scenario), '--loop', '--lockstep',
+                  *PATIENT)
     run.wait_for_rows(20)
     for module in ('sensor_node', 'detector_node'):  # sends, receives
         for _ in range(2):

@@ -17,6 +17,7 @@ from lowsnr_common.ros import run_records
 from lowsnr_common.ros.bringup_line import LAST_FRAME
 from lowsnr_common.ros.frame_maps import FrameMaps
 from lowsnr_common.ros.images import image_to_array
+from lowsnr_common.ros.inputs import drain
 from lowsnr_common.ros.inputs import Input
 from lowsnr_common.ros.managed_node import ManagedNode
 from lowsnr_common.ros.node_main import run
@@ -94,6 +95,7 @@ class EvaluatorNode(ManagedNode):
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Score what has arrived, and write it to disk."""
+        self._take_waiting()
         self._scorer.end_frames()
         self._score(time.monotonic())
         self._scorer.scene.flush()
@@ -154,6 +156,7 @@ class EvaluatorNode(ManagedNode):
             # that is started again waits for all their readers.
             self.leave(*self._pictures)
             self._pictures = []
+        self._take_waiting()
         now_s = time.monotonic()
         while self._restarted and now_s - self._restarted[0][0] > _CAUGHT_UP_S:
             restarted_s, node = self._restarted.popleft()
@@ -161,6 +164,11 @@ class EvaluatorNode(ManagedNode):
         self._score(now_s - self.run.answer_within_s)
         if self.active:
             self._flush()
+
+    def _take_waiting(self) -> None:
+        """Take what waits in the queues: a node that stood still misses none of it."""
+        for each in self.inputs:
+            drain(each.subscription)
 
     def _on_restart(self, message: DiagnosticArray) -> None:
         """

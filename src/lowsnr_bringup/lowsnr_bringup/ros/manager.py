@@ -24,6 +24,7 @@ from lowsnr_bringup.ros.transition import PendingTransition
 from lowsnr_bringup.run.frame_ledger import FrameLedger
 from lowsnr_bringup.run.processes import notify
 from lowsnr_bringup.run.processes import ProcessGroup
+from lowsnr_bringup.run.threads import Patience
 from lowsnr_common.core.line import Line
 from lowsnr_common.core.records import AlarmRate
 from lowsnr_common.core.records import Malformed
@@ -143,13 +144,14 @@ class Manager:
         Raises
         ------
         GraphFailure
-            If the node rejects it or does not answer in time.
+            If the node rejects it, or gives no answer and is idle for so long [s].
 
         """
-        until, pending = time.monotonic() + within_s, self.request(node, transition)
+        pending = self.request(node, transition)
+        patience = Patience(self._group.member(node).process.pid, within_s)
         while (made := pending.poll()) is None and runs():
-            if time.monotonic() > until:
-                raise GraphFailure(f'{node.label} did not answer within {within_s:g} s')
+            if patience.is_over():
+                raise GraphFailure(f'{node.label} does not answer')
             self.spin(0.02)
         if made is False:
             raise GraphFailure(f'{node.label} rejected a change of its state')

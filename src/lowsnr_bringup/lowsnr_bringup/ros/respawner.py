@@ -12,11 +12,11 @@ import time
 
 from lowsnr_bringup.plan.graph import Node
 from lowsnr_bringup.ros.manager import Manager
+from lowsnr_bringup.run.middleware import clear_leftovers
 from lowsnr_bringup.run.processes import NodeProcess
 from lowsnr_bringup.run.processes import notify
 from lowsnr_bringup.run.processes import ProcessGroup
 from lowsnr_bringup.run.results_folder import RESTARTS_FILE
-from lowsnr_bringup.run.shared_memory import clear_leftovers
 from lowsnr_common.core.process_setup import SHUT_DOWN
 from lowsnr_common.core.process_setup import USAGE_ERROR
 

@@ -131,7 +131,8 @@ class Supervisor:
                 failed = isinstance(error, GraphFailure)
                 return (FAILED, str(error)) if failed else (INTERRUPTED, 'interrupted')
             finally:
-                self._manager.catch_up()
+                self._group.stop(self._manager.catch_up)
+                self._manager.catch_up()  # what they said at last belongs to the account
                 self._watch_nodes()
                 self.account = Account(
                     self._manager.ledger, self._manager.restarted, self._manager.alarm_rates)

@@ -16,11 +16,12 @@ from collections.abc import Iterable
 from collections.abc import Mapping
 from dataclasses import dataclass
 from dataclasses import field
-from pathlib import Path
 import time
 
 from lowsnr_bringup.run.processes import NodeProcess
 from lowsnr_bringup.run.processes import notify
+from lowsnr_bringup.run.threads import Threads
+from lowsnr_bringup.run.threads import threads_of
 
 _LOOK_EVERY_S = 0.5
 # Time between two looks that counts at most, in case that bring-up itself did not run.
@@ -32,38 +33,7 @@ _MOST_SILENT_S = 600.0
 # Time beyond which a silent node that does not hang is named: its main thread may have been
 # scheduled for the last time a look after its last report.
 _MARGIN_S = 2.0
-_RUNNING = 'RD'  # running or waiting for a processor; waiting for a disk
 STOOD_STILL, NEVER_REPORTED, SILENT = 'stood still', 'never reported', 'reported nothing'
-
-
-@dataclass(frozen=True)
-class Threads:
-    """
-    The threads of a process at one moment.
-
-    ``busy`` is whether any runs, or waits for a processor or a disk; ``switches`` counts how often
-    the main thread was taken off a processor.
-    """
-
-    busy: bool
-    switches: int
-
-
-def threads_of(pid: int) -> Threads | None:
-    """Return the threads of a process; None where the system does not say (not Linux)."""
-    states, switches = set(), 0
-    try:
-        for thread in Path(f'/proc/{pid}/task').iterdir():
-            facts = dict(
-                line.split(':\t', 1) for line in (thread / 'status').read_text().splitlines()
-                if ':\t' in line)
-            states.add(facts['State'][0])
-            if thread.name == str(pid):
-                switches = (int(facts['voluntary_ctxt_switches'])
-                            + int(facts['nonvoluntary_ctxt_switches']))
-    except (OSError, KeyError):
-        return None
-    return Threads(bool(states & set(_RUNNING)), switches)
 
 
 @dataclass

@@ -1,11 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The settings of the middleware for a run: its transport, its discovery and its memory."""
+"""The middleware of a run: its transport, discovery and memory, and what it leaves behind."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+import contextlib
+import fcntl
 from pathlib import Path
+import re
 import socket
+import time
 
 PROFILE_FILE = 'fastdds.xml'
 # Fast DDS 2 (Jazzy) and later versions read different variables.
@@ -16,6 +20,10 @@ _RANGE, _PEERS, _ONLY_HERE = (
     'ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_STATIC_PEERS', 'ROS_LOCALHOST_ONLY')
 # With this range ROS adds nothing to the profile; with LOCALHOST it adds shared memory.
 _AS_IN_PROFILE = {_RANGE: 'SYSTEM_DEFAULT', _PEERS: '', _ONLY_HERE: ''}
+# Of Fast DDS in shared memory; the process that made a segment holds the lock of its lock file.
+_SEGMENTS, _LOCK = Path('/dev/shm'), re.compile(r'fastrtps_[0-9a-f]{16}_el')
+# A process makes the lock file first and locks it a moment later.
+_STARTING_S = 10.0
 _PROFILE = """\
 <?xml version="1.0" encoding="UTF-8"?>
 <profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
@@ -138,3 +146,28 @@ def _address_of(name: str) -> str:
         return socket.gethostbyname(name)
     except OSError as error:
         raise ValueError(f'{_PEERS}: {name} has no address: {error.strerror}') from None
+
+
+def clear_leftovers(folder: Path = _SEGMENTS) -> int:
+    """
+    Remove the segments of processes that have ended; return how many there were.
+
+    The nodes of a run use no shared memory unless the user's own profile says so, and then a
+    killed node leaves segments behind.  A segment whose lock is held, or whose file belongs to
+    another user, stays.
+    """
+    cleared = 0
+    for lock in folder.glob('fastrtps_*_el'):
+        with contextlib.suppress(OSError):  # the lock is held, or the file is another user's
+            if _LOCK.fullmatch(lock.name) and not _may_be_starting(lock):
+                with lock.open('rb') as file:
+                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    lock.with_name(lock.name.removesuffix('_el')).unlink(missing_ok=True)
+                    lock.unlink()
+                    cleared += 1
+    return cleared
+
+
+def _may_be_starting(lock: Path) -> bool:
+    """Return whether a file is a few seconds old; one of the future predates a set-back clock."""
+    return 0.0 <= time.time() - lock.stat().st_mtime <= _STARTING_S

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from collections.abc import Iterable
+from collections.abc import Iterator
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +21,8 @@ from lowsnr_bringup.plan.graph import Node
 from lowsnr_bringup.run.forked_nodes import NodeServer
 from lowsnr_bringup.run.forked_nodes import ServerGone
 from lowsnr_bringup.run.lines import Lines
-from lowsnr_bringup.run.shared_memory import clear_leftovers
+from lowsnr_bringup.run.middleware import clear_leftovers
+from lowsnr_bringup.run.threads import Patience
 from lowsnr_common.core.line import Line
 from lowsnr_common.core.process_setup import INTERRUPTED
 from lowsnr_common.core.process_setup import LIFELINE
@@ -28,7 +31,7 @@ from lowsnr_common.core.process_setup import TERMINATED
 from lowsnr_common.settings.text import printable_lines
 from tqdm import tqdm
 
-_TERM_WITHIN_S = 2.0
+_TERM_WITHIN_S, _POLL_S = 2.0, 0.01
 _LAST_LINES = 8
 # Nodes log to the results; ROS would write the same to ~/.ros/log, and needs a home for that.
 NO_OTHER_LOGS = '--disable-external-lib-logs'
@@ -202,31 +205,41 @@ class ProcessGroup:
         """Return the members that have ended."""
         return [member for member in self.members if member.process.poll() is not None]
 
-    def stop(self) -> None:
-        """End all members by SIGTERM, and by SIGKILL those that do not end within 2 s."""
+    def stop(self, meanwhile: Callable[[], None] = lambda: None) -> None:
+        """
+        End all members by SIGTERM, and those that stick by SIGKILL.
+
+        ``meanwhile`` is called while they end: what they say at last fits on no line that nobody
+        reads.
+        """
         running = [m for m in self.members if m.process.poll() is None]
         for member in running:
             member.process.send_signal(signal.SIGTERM)
             member.process.send_signal(signal.SIGCONT)
-        if not _wait(running, _TERM_WITHIN_S):
-            late = [member for member in running if member.process.poll() is None]
-            for member in late:
-                notify(f'{member.node.label} did not end within {_TERM_WITHIN_S:g} s of SIGTERM: '
-                       'bring-up kills it')
-                member.process.kill()
-            _wait(late, _TERM_WITHIN_S)
+        killed = []
+        for member in _stuck(running, meanwhile):
+            notify(f'{member.node.label} did not end after SIGTERM: bring-up kills it')
+            member.process.kill()
+            killed.append(member)
+        for _ in _stuck(killed, meanwhile):
+            pass
         clear_leftovers()
 
 
-def _wait(members: Iterable[NodeProcess], seconds: float) -> bool:
-    """Wait until all have ended; return False if the time ends first."""
-    until = time.monotonic() + seconds
-    for member in members:
-        try:
-            member.process.wait(max(0.0, until - time.monotonic()))
-        except subprocess.TimeoutExpired:
-            return False
-    return True
+def _stuck(
+    members: Iterable[NodeProcess], meanwhile: Callable[[], None],
+) -> Iterator[NodeProcess]:
+    """Wait until all have ended; yield each that does not, and is waited for no longer."""
+    left = {m: Patience(m.process.pid, _TERM_WITHIN_S) for m in members}
+    while left:
+        meanwhile()
+        for member, patience in list(left.items()):
+            if member.process.poll() is not None:
+                del left[member]
+            elif patience.is_over():
+                del left[member]
+                yield member
+        time.sleep(_POLL_S * bool(left))
 
 
 def notify(text: str) -> None:
