@@ -25,7 +25,7 @@ _DOMAINS = range(51, 97)
 _ENDS_WITHIN_S = 240.0
 _ROWS_WITHIN_S = 120.0
 _RESTARTS_WITHIN_S = 120.0
-_LEAVES_WITHIN_S = 30.0
+_LEAVES_WITHIN_S = 120.0
 _CLAIMS: list[int] = []  # open lock files; the claims end with this process
 
 
@@ -172,4 +172,4 @@ def run_bringup(*arguments: str) -> subprocess.CompletedProcess:
     """Run ``bringup.py`` to its end; for command lines that it refuses."""
     return subprocess.run(
         [sys.executable, str(BRINGUP), *arguments], env=graph_environment(own_domain()),
-        capture_output=True, text=True, timeout=60.0, check=False)
+        capture_output=True, text=True, timeout=_ENDS_WITHIN_S, check=False)

@@ -46,7 +46,7 @@ def other_host():
 def call(command):
     """Run a command; return what it prints."""
     return subprocess.run(
-        command.split(), stdout=subprocess.PIPE, text=True, check=True, timeout=60.0).stdout
+        command.split(), stdout=subprocess.PIPE, text=True, check=True, timeout=PATIENCE_S).stdout
 
 
 def datagrams(enter):

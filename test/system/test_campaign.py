@@ -12,12 +12,14 @@ from run_checks import check_end
 
 # Those have tests of their own: test_hangs, test_hostile_input, test_time_jumps.
 ELSEWHERE = {'hung', 'garbage', 'forged', 'clock'}
+# After this time the evaluator gives a frame up.
+WITHIN_S = 1.0
 
 
 def test_every_frame_of_a_campaign_is_accounted_for(bringup):
     rng = np.random.default_rng(8)
     run = bringup('--detector', 'cdt', '--scenario', 'example3', '--loop', '--lockstep',
-                  '--set', 'evaluator.answer_within_s=1.0')
+                  '--set', f'evaluator.answer_within_s={WITHIN_S}')
     run.wait_for_rows(100)
     with GraphClient(own_domain()) as client:
         campaign = Campaign(run, client, 'cdt', rng, most_stopped_s=1.0)
@@ -33,6 +35,10 @@ def test_every_frame_of_a_campaign_is_accounted_for(bringup):
         frames['scored'] + frames['unanswered'] + frames['unseen'] + lost)
     assert len(run.rows()) == 2 * (frames['scored'] + frames['unanswered'])
     assert lost == 0
-    # In lockstep a fault costs the frames in hand, and a flood those that it pushes out.
-    assert frames['unanswered'] + frames['unseen'] <= 2 * len(campaign.recovered_s) + 1
+    # In lockstep a fault costs the frames in hand, a flood those that it pushes out, and an outage,
+    # which lasts longer on a busy machine, one frame each `WITHIN_S`.
+    away_s = sum(map(sum, campaign.recovered_s.values())) + sum(
+        float(row['down_s']) for row in run.restarts())
+    assert frames['unanswered'] + frames['unseen'] <= (
+        2 * len(campaign.recovered_s) + 1 + away_s / WITHIN_S)
     assert frames['scored'] > 100

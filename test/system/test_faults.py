@@ -115,7 +115,7 @@ def test_second_run_on_the_same_domain_is_refused(
 def test_nodes_end_when_bringup_is_killed(running):
     assert len(running.nodes()) == 4
     running.process.kill()
-    running.wait_until_none_is_left(within_s=120.0)
+    running.wait_until_none_is_left()
 
 
 def lifecycle(client, node, transition):

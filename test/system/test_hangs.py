@@ -30,7 +30,7 @@ def stop(run, module):
 def wait_until_said(run, words):
     """Wait until bring-up has printed something."""
     said, stream = '', run.process.stderr.fileno()
-    until = time.monotonic() + 60.0
+    until = time.monotonic() + PATIENCE_S
     while words not in said:
         ready, _, _ = select.select([stream], [], [], max(0.0, until - time.monotonic()))
         assert ready, said
@@ -91,7 +91,7 @@ def test_nodes_that_are_stopped_when_a_run_ends_cost_no_score_and_little_time(hu
 
 def test_without_respawn_only_a_start_is_repaired_and_a_run_names_what_hangs(bringup):
     run = bringup(*RUN, '--no-respawn')
-    until = time.monotonic() + 60.0
+    until = time.monotonic() + PATIENCE_S
     while 'evaluator_node' not in run.nodes():
         assert time.monotonic() < until
         time.sleep(0.005)

@@ -26,7 +26,7 @@ def installed(request, tmp_path_factory):
         cwd=folder, check=True, capture_output=True, timeout=300.0)
     # What is not built is taken from the checkout, after what is installed.
     shown = subprocess.check_output(
-        ['bash', '-c', f'. {folder}/install/setup.bash && env -0'], timeout=60.0)
+        ['bash', '-c', f'. {folder}/install/setup.bash && env -0'], timeout=240.0)
     environ = dict(line.split('=', 1) for line in shown.decode().split('\0') if line)
     outside = folder / 'outside'
     outside.mkdir()

@@ -82,7 +82,7 @@ def test_bag_tells_types_and_quality_of_service(recorded):
     found = list(read_ros2_messages(bag / 'bag.mcap'))
     assert {item.channel.topic for item in found} >= {*DATA, '/scored', '/diagnostics'}
     for item in found:
-        assert 0 <= item.log_time_ns - item.publish_time_ns < 5 * 10**9
+        assert 0 <= item.log_time_ns - item.publish_time_ns < 60 * 10**9
         assert abs(item.log_time_ns / 1e9 - bag.stat().st_mtime) < 300.0
     origin = inspect_bag(bag, '/image_raw', '/ground_truth')
     assert (origin.name, origin.seed, origin.raw) == ('example3', 7, False)
@@ -129,7 +129,7 @@ def test_bag_without_truth_is_replayed_at_its_own_pace_and_counted(bringup, tmp_
 
 def wait_for_bytes(path, count):
     """Wait until a file holds this much."""
-    until = time.monotonic() + 60.0
+    until = time.monotonic() + 120.0
     while not (path.is_file() and path.stat().st_size > count):
         assert time.monotonic() < until, path
         time.sleep(0.02)
@@ -137,7 +137,7 @@ def wait_for_bytes(path, count):
 
 def wait_for_frames(bag, count):
     """Wait until a bag that is being written holds so many frames on the disk."""
-    until, found = time.monotonic() + 60.0, 0
+    until, found = time.monotonic() + 120.0, 0
     while found < count:
         assert time.monotonic() < until, found
         time.sleep(0.1)

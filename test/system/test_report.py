@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The report of a real run, opened in a real browser."""
 
+import time
+
 from browser import browser
 
 FRAMES = 40
@@ -38,7 +40,10 @@ def test_run_leaves_a_report_that_plays_without_a_network(bringup, tmp_path, req
 
 def test_report_that_cannot_be_written_costs_nothing_else(bringup):
     run = bringup('--detector', 'cdt', '--lockstep')
-    run.wait_for_rows(2)
+    until = time.monotonic() + 120.0
+    while not (run.results / 'parameters.yaml').exists():  # the folder is the run's
+        assert time.monotonic() < until
+        time.sleep(0.01)
     (run.results / 'report.html').mkdir()
     code, out, err = run.finish()
     assert code == 0, err

@@ -76,7 +76,7 @@ def test_line_of_bringup_shows_the_tracks_in_another_terminal(line):
     # The Python of the tests, because this checkout need not have an environment of its own.
     done = subprocess.run(
         ['sh', '-c', line.replace(' /', f' {sys.executable} /', 1) + ' --once'], env=bare,
-        capture_output=True, text=True, timeout=60.0, check=False, cwd=ROOT.parent)
+        capture_output=True, text=True, timeout=240.0, check=False, cwd=ROOT.parent)
     assert (done.returncode, done.stderr) == (0, '')
     message, end = yaml.safe_load_all(done.stdout)
     assert (message['header']['frame_id'], end) == ('sensor', None)
