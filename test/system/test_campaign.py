@@ -35,8 +35,8 @@ def test_every_frame_of_a_campaign_is_accounted_for(bringup):
         frames['scored'] + frames['unanswered'] + frames['unseen'] + lost)
     assert len(run.rows()) == 2 * (frames['scored'] + frames['unanswered'])
     assert lost == 0
-    # In lockstep a fault costs the frames in hand, a flood those that it pushes out, and an outage,
-    # which lasts longer on a busy machine, one frame each `WITHIN_S`.
+    # In lockstep a fault costs the frames in hand, a flood those that it pushes out, and what
+    # keeps nodes away, longer on a busy machine, one frame each `WITHIN_S`.
     away_s = sum(map(sum, campaign.recovered_s.values())) + sum(
         float(row['down_s']) for row in run.restarts())
     assert frames['unanswered'] + frames['unseen'] <= (
