@@ -164,6 +164,8 @@ class Supervisor:
         """
         self._stops_faster = self._stop.count + 1
         self._manager.expect_changes()
+        if not self._respawner.autostart:
+            return  # the graph still starts: there is no score to wait for, and nodes may compile
         known = self._respawner.away | set(self._missed)
         dead = {member.node for member in self._group.dead()} | known
         recorders = [node for node in self._nodes if node.name == 'recorder']

@@ -31,7 +31,8 @@ from lowsnr_common.core.process_setup import TERMINATED
 from lowsnr_common.settings.text import printable_lines
 from tqdm import tqdm
 
-_TERM_WITHIN_S, _POLL_S = 2.0, 0.01
+# After SIGTERM: the time for a process that does nothing, and for one that computes [s].
+_TERM_WITHIN_S, _BUSY_WITHIN_S, _POLL_S = 2.0, 15.0, 0.01
 _LAST_LINES = 8
 # Nodes log to the results; ROS would write the same to ~/.ros/log, and needs a home for that.
 NO_OTHER_LOGS = '--disable-external-lib-logs'
@@ -230,7 +231,7 @@ def _stuck(
     members: Iterable[NodeProcess], meanwhile: Callable[[], None],
 ) -> Iterator[NodeProcess]:
     """Wait until all have ended; yield each that does not, and is waited for no longer."""
-    left = {m: Patience(m.process.pid, _TERM_WITHIN_S) for m in members}
+    left = {m: Patience(m.process.pid, _TERM_WITHIN_S, _BUSY_WITHIN_S) for m in members}
     while left:
         meanwhile()
         for member, patience in list(left.items()):
