@@ -132,15 +132,17 @@ class PlayerNode(ManagedNode):
     def _publish(self, frame: PlayedFrame) -> None:
         seconds, nanoseconds = divmod(frame.stamp_ns, 1_000_000_000)
         data_time = Clock(clock=Time(sec=seconds, nanosec=nanoseconds))
-        self._data_time.publish(data_time)
-        if frame.truth is not None:
-            for data in frame.odometry or self._odometry_of(frame.truth.data):
-                self._odometry.publish(data)
-            self._array.publish(frame.truth.data)
-        if frame.camera_info:
-            self._info.publish(frame.camera_info)
-        self._image.publish(self._unpacked(frame.image) if self._compressed else frame.image)
-        self.bringup.tell(DATA_TIME, data_time)  # last: what is told is not played again
+        try:
+            self._data_time.publish(data_time)
+            if frame.truth is not None:
+                for data in frame.odometry or self._odometry_of(frame.truth.data):
+                    self._odometry.publish(data)
+                self._array.publish(frame.truth.data)
+            if frame.camera_info:
+                self._info.publish(frame.camera_info)
+            self._image.publish(self._unpacked(frame.image) if self._compressed else frame.image)
+        finally:  # a signal may come between: what reached a reader is told
+            self.bringup.tell(DATA_TIME, data_time)  # last: it is not played again
 
     def _unpacked(self, data: bytes) -> Image:
         """Return a compressed image as one that nodes take."""

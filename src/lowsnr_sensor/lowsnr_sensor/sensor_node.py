@@ -114,13 +114,15 @@ class SensorNode(ManagedNode):
             frame_id=FRAME_ID)
         estimates = [Estimate(o.state, np.zeros((4, 4)), 1.0, o.id) for o in objects]
         data_time = Clock(clock=header.stamp)
-        self._data_time.publish(data_time)
-        for item in estimates:
-            self._odometry.publish(messages.estimate_to_odometry(item, header))
-        self._array.publish(messages.estimates_to_array(
-            estimates, header, self.simulation.sensor.cell_size_m))
-        self._image.publish(messages.frame_to_image(frame, header))
-        self.bringup.tell(DATA_TIME, data_time)  # last: what is told is not published again
+        try:
+            self._data_time.publish(data_time)
+            for item in estimates:
+                self._odometry.publish(messages.estimate_to_odometry(item, header))
+            self._array.publish(messages.estimates_to_array(
+                estimates, header, self.simulation.sensor.cell_size_m))
+            self._image.publish(messages.frame_to_image(frame, header))
+        finally:  # a signal may come between: what reached a reader is told
+            self.bringup.tell(DATA_TIME, data_time)  # last: it is not published again
         self.counts['out'] += 1
         self._prepare()
         if self.simulation.lockstep:

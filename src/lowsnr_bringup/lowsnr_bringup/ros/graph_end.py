@@ -41,7 +41,7 @@ class GraphEnd:
     def __init__(self, manager: Manager, group: ProcessGroup, part: Part) -> None:
         self._manager, self._group, self._part = manager, group, part
 
-    def run(self, within_s: float, known: AbstractSet[Node]) -> None:
+    def run(self, within_s: float, without: AbstractSet[Node]) -> None:
         """
         Deactivate the nodes, and print which cannot be.
 
@@ -49,21 +49,21 @@ class GraphEnd:
         ----------
         within_s
             Longest time for one node [s].
-        known
-            Nodes that are known to be dead.
+        without
+            Nodes that are known to be dead, or have nothing to finish.
 
         """
         self._manager.reports.expect_changes()
         self._manager.stage = ENDED
         self._wait_for_source(min(within_s, _SOURCE_STOPS_WITHIN_S))
-        dead = {member.node for member in self._group.dead()} | known
+        dead = {member.node for member in self._group.dead()} | without
         members = [member for member in self._group.members if member.node in self._part.own]
         order = {node: n for n, node in enumerate(reversed(self._part.own))}
         for member in sorted(
                 members, key=lambda each: (each.node.name == 'recorder', order[each.node])):
             if member.node not in dead:
                 self._deactivate(member, within_s)
-            if member.process.poll() and member.node not in known:
+            if member.process.poll() and member.node not in without:
                 notify(f'while stopping: {member.node.label} {member.death()}')
 
     def _wait_for_source(self, within_s: float) -> None:

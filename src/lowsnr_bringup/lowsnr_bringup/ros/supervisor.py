@@ -24,13 +24,13 @@ from lowsnr_bringup.ros.node_watch import ResultsWatch
 from lowsnr_bringup.ros.respawner import Respawner
 from lowsnr_bringup.run.forked_nodes import NodeServer
 from lowsnr_bringup.run.hang_watch import HangWatch
-from lowsnr_bringup.run.middleware import PROFILE_FILE
 from lowsnr_bringup.run.processes import NodeProcess
 from lowsnr_bringup.run.processes import NONE
 from lowsnr_bringup.run.processes import notify
 from lowsnr_bringup.run.processes import ProcessGroup
 from lowsnr_bringup.run.results_folder import Account
 from lowsnr_bringup.run.results_folder import PARAMETERS_FILE
+from lowsnr_bringup.run.results_folder import start_files
 from lowsnr_bringup.run.stop_signals import StopSignals
 from tqdm import tqdm
 
@@ -133,7 +133,7 @@ class Supervisor:
             desc='starting', total=self._frames, unit=' frames', disable=None,
         ) as self._bar:
             self._respawner = Respawner(
-                self._group, self._manager, self._folder, _texts(self._folder))
+                self._group, self._manager, self._folder, start_files(self._folder))
             try:
                 with suppress(RunOver):
                     self._follow()
@@ -182,9 +182,11 @@ class Supervisor:
     def _end(self, within_s: float) -> None:
         """End the nodes in order; where a signal asks for it, without that."""
         self._stops_faster = self._stop.count + 1
-        known = self._respawner.away | set(self._missed)
+        without = self._respawner.away | set(self._missed)
+        if not self._respawner.autostart:  # in a start nothing is scored, and nodes may compile
+            without |= set(self._nodes)
         with suppress(Interrupted):
-            GraphEnd(self._manager, self._group, self._part).run(within_s, known)
+            GraphEnd(self._manager, self._group, self._part).run(within_s, without)
 
     def _check(self) -> None:
         """Handle dead nodes; raise if the run is interrupted or cannot go on without one."""
@@ -247,9 +249,3 @@ class Supervisor:
     def _on_scored(self, frame: int, detections: int, tracks: int) -> None:
         self._bar.update(frame - self._bar.n)
         self._bar.set_postfix(detections=detections, tracks=tracks, refresh=False)
-
-
-def _texts(folder: Path) -> dict[Path, str]:
-    """Return the files that nodes read when they start, the parameters first."""
-    paths = [folder / PARAMETERS_FILE, folder / PROFILE_FILE]
-    return {path: path.read_text(encoding='utf-8') for path in paths if path.exists()}

@@ -4,8 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from collections.abc import Iterable
-from collections.abc import Iterator
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -13,10 +11,8 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
-import time
 from types import MappingProxyType
 from typing import BinaryIO
-from typing import Protocol
 
 from lowsnr_bringup.plan.graph import Node
 from lowsnr_bringup.plan.node_command import node_command
@@ -24,7 +20,8 @@ from lowsnr_bringup.run.forked_nodes import NodeServer
 from lowsnr_bringup.run.forked_nodes import ServerGone
 from lowsnr_bringup.run.lines import Lines
 from lowsnr_bringup.run.middleware import clear_leftovers
-from lowsnr_bringup.run.threads import Patience
+from lowsnr_bringup.run.threads import Process
+from lowsnr_bringup.run.threads import stuck
 from lowsnr_common.core.line import Line
 from lowsnr_common.core.process_setup import INTERRUPTED
 from lowsnr_common.core.process_setup import LIFELINE
@@ -33,34 +30,11 @@ from lowsnr_common.core.process_setup import TERMINATED
 from lowsnr_common.settings.text import printable_lines
 from tqdm import tqdm
 
-_TERM_WITHIN_S, _POLL_S = 2.0, 0.01
+# After SIGTERM: the time for a process that does nothing, and for one that computes [s].
+_TERM_WITHIN_S, _BUSY_WITHIN_S = 2.0, 15.0
 _LAST_LINES = 8
 _ENDED_BY = {INTERRUPTED: 'SIGINT', TERMINATED: 'SIGTERM'}
 NONE: Mapping[str, object] = MappingProxyType({})
-
-
-class Process(Protocol):
-    """A process of a node, spawned or forked."""
-
-    @property
-    def pid(self) -> int:
-        """Process id."""
-
-    @property
-    def returncode(self) -> int | None:
-        """Exit status, or the negative signal that killed it; None before :meth:`poll` saw it."""
-
-    def poll(self) -> int | None:
-        """Return the exit status, None while it runs."""
-
-    def wait(self, timeout: float) -> int:
-        """Wait for the end; :class:`subprocess.TimeoutExpired` after so many seconds."""
-
-    def send_signal(self, number: int, /) -> None:
-        """Send a signal, unless the process has ended."""
-
-    def kill(self) -> None:
-        """Send SIGKILL, unless the process has ended."""
 
 
 @dataclass(eq=False)
@@ -221,36 +195,19 @@ class ProcessGroup:
         ``meanwhile`` is called while they end: what they say at last fits on no line that nobody
         reads.
         """
-        by_process = {id(member.process): member for member in self.members}
-        running = [m for m in by_process.values() if m.process.poll() is None]
-        for member in running:
-            member.process.send_signal(signal.SIGTERM)
-            member.process.send_signal(signal.SIGCONT)
+        nodes = {m.process: m.node for m in self.members if m.process.poll() is None}
+        for process in nodes:
+            process.send_signal(signal.SIGTERM)
+            process.send_signal(signal.SIGCONT)
         killed = []
-        for member in _stuck(running, meanwhile):
-            notify(f'{member.node.process or member.node.label} did not end after SIGTERM: '
-                   'bring-up kills it')
-            member.process.kill()
-            killed.append(member)
-        for _ in _stuck(killed, meanwhile):
+        for process in stuck(nodes, _TERM_WITHIN_S, _BUSY_WITHIN_S, meanwhile):
+            label = nodes[process].process or nodes[process].label
+            notify(f'{label} did not end after SIGTERM: bring-up kills it')
+            process.kill()
+            killed.append(process)
+        for _ in stuck(killed, _TERM_WITHIN_S, _BUSY_WITHIN_S, meanwhile):
             pass
         clear_leftovers()
-
-
-def _stuck(
-    members: Iterable[NodeProcess], meanwhile: Callable[[], None],
-) -> Iterator[NodeProcess]:
-    """Wait until all have ended; yield each that does not, and is waited for no longer."""
-    left = {m: Patience(m.process.pid, _TERM_WITHIN_S) for m in members}
-    while left:
-        meanwhile()
-        for member, patience in list(left.items()):
-            if member.process.poll() is not None:
-                del left[member]
-            elif patience.is_over():
-                del left[member]
-                yield member
-        time.sleep(_POLL_S * bool(left))
 
 
 def notify(text: str) -> None:

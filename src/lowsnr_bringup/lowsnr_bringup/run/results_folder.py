@@ -10,6 +10,7 @@ import os
 from pathlib import Path
 
 from lowsnr_bringup.run.frame_ledger import FrameLedger
+from lowsnr_bringup.run.middleware import PROFILE_FILE
 from lowsnr_common.core.records import AlarmRate
 
 FRAMES_FILE = 'frames.csv'
@@ -67,6 +68,12 @@ def fresh_folder(wanted: Path) -> Path:
         number += 1
         folder = wanted.with_name(f'{wanted.name}-{number}')
     return folder
+
+
+def start_files(folder: Path) -> dict[Path, str]:
+    """Return the texts of the files that nodes read when they start, the parameters first."""
+    paths = [folder / PARAMETERS_FILE, folder / PROFILE_FILE]
+    return {path: path.read_text(encoding='utf-8') for path in paths if path.exists()}
 
 
 def _claim(folder: Path) -> bool:

@@ -1,17 +1,44 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the threads of a process do: whether it is slow, or stuck."""
+"""Processes, and what their threads do: whether one is slow, or stuck."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from collections.abc import Iterable
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 import time
+from typing import Protocol
 
 _RUNNING = 'RD'  # running or waiting for a processor; waiting for a disk
 # Time between two looks that counts at most, in case that this process itself did not run [s].
 _LONGEST_LOOK_S = 0.1
-_MOST_S = 30.0
+_MOST_S, _POLL_S = 30.0, 0.01
+
+
+class Process(Protocol):
+    """A process of a node, spawned or forked."""
+
+    @property
+    def pid(self) -> int:
+        """Process id."""
+
+    @property
+    def returncode(self) -> int | None:
+        """Exit status, or the negative signal that killed it; None before :meth:`poll` saw it."""
+
+    def poll(self) -> int | None:
+        """Return the exit status, None while it runs."""
+
+    def wait(self, timeout: float) -> int:
+        """Wait for the end; :class:`subprocess.TimeoutExpired` after so many seconds."""
+
+    def send_signal(self, number: int, /) -> None:
+        """Send a signal, unless the process has ended."""
+
+    def kill(self) -> None:
+        """Send SIGKILL, unless the process has ended."""
 
 
 @dataclass(frozen=True)
@@ -80,3 +107,31 @@ class Patience:
         elif not threads.busy:
             self._left_s -= min(self._looked_s - last_s, _LONGEST_LOOK_S)
         return self._left_s < 0.0 or self._looked_s > self._until_s
+
+
+def stuck(
+    processes: Iterable[Process], idle_s: float, most_s: float, meanwhile: Callable[[], None],
+) -> Iterator[Process]:
+    """
+    Wait until all processes have ended; yield each that does not, and is waited for no longer.
+
+    Parameters
+    ----------
+    processes
+        What is waited for.
+    idle_s, most_s
+        The patience with each [s].
+    meanwhile
+        Called again and again.
+
+    """
+    left = {process: Patience(process.pid, idle_s, most_s) for process in processes}
+    while left:
+        meanwhile()
+        for process, patience in list(left.items()):
+            if process.poll() is not None:
+                del left[process]
+            elif patience.is_over():
+                del left[process]
+                yield process
+        time.sleep(_POLL_S * bool(left))

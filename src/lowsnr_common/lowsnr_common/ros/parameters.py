@@ -86,4 +86,5 @@ def _declare_one(node: Node, item: Setting, descriptor: ParameterDescriptor) -> 
     if isinstance(default, list):
         default = Parameter(item.name, _LISTS[get_args(item.kind)[0]], default).value
     value = node.declare_parameter(item.name, default, descriptor).value
-    return list(value) if get_origin(item.kind) is tuple else value
+    # An empty list in a file has no type: ROS reads it as no value.
+    return list(value or ()) if get_origin(item.kind) is tuple else value
