@@ -23,6 +23,8 @@ from lowsnr_eval.study.offline_chain import detect
 from lowsnr_sensor.scenario import load_scenario
 from lowsnr_track.pda_mmpf import PdaMmpf
 import numpy as np
+from scipy.special import expit
+from scipy.special import logit
 
 SCENARIO = Path(__file__).resolve().parents[1] / 'config' / 'scenarios' / 'random.yaml'
 SCORED = slice(9, 35)  # frames 10 to 35
@@ -75,12 +77,11 @@ def calibrate(
     highest = replace(tracker.life, confirm_probability=1.0 - 1e-9)
     histories = in_blocks(
         pool, partial(existences, detector, replace(tracker, life=highest), seed), runs)
-    log_release = np.log(tracker.life.release_probability / (
-        1.0 - tracker.life.release_probability))
+    log_release = logit(tracker.life.release_probability)
     for bound in ODDS[log_release < ODDS]:
         share = np.mean([alarmed(run, bound, log_release) for run in histories])
         if share <= TRACK_ALARMS:
-            return float(1.0 / (1.0 + np.exp(-bound)))
+            return float(expit(bound))
     raise ValueError('no confirm_probability reaches the rate of false tracks')
 
 
@@ -103,7 +104,7 @@ def existences(
 ) -> list[list[dict[str, float]]]:
     """Return the log odds of existence of all tracks in each frame of empty runs."""
     return [
-        [{item.id: float(np.log(item.score / (1.0 - item.score)))
+        [{item.id: float(logit(item.score))
           for item in output.confirmed + output.tentative} for output in outputs]
         for _, outputs in tracked(detector, tracker, seed, False, first, count)]
 

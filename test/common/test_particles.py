@@ -4,7 +4,6 @@
 from hypothesis import given
 from hypothesis import settings
 from hypothesis import strategies as st
-from lowsnr_common.core.particles import effective_size
 from lowsnr_common.core.particles import log_sum_exp
 from lowsnr_common.core.particles import normalise
 from lowsnr_common.core.particles import systematic_resample
@@ -58,12 +57,6 @@ def test_zero_weights_of_one_set_become_uniform():
     weights, total = normalise(np.array([[0.0, -np.inf], [-np.inf, -np.inf]]))
     np.testing.assert_array_equal(np.exp(weights), [[1.0, 0.0], [0.5, 0.5]])
     np.testing.assert_array_equal(total, [0.0, -np.inf])
-
-
-def test_effective_size_runs_from_one_to_all():
-    assert effective_size(np.log([1e-300, 1.0])) == pytest.approx(1.0)
-    assert effective_size(np.full(50, -np.log(50))) == pytest.approx(50.0)
-    assert effective_size(np.log([0.5, 0.3, 0.2])) == pytest.approx(1 / 0.38)
 
 
 @FIXED

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Particle arithmetic on log weights: normalise, effective size, resample, moments."""
+"""Particle arithmetic on log weights: normalise, resample, moments."""
 
 from __future__ import annotations
 
@@ -51,12 +51,6 @@ def normalise(log_weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     safe = np.where(dead, 0.0, total)[..., None]
     uniform = -np.log(log_weights.shape[-1])
     return np.where(dead[..., None], uniform, log_weights - safe), total
-
-
-def effective_size(log_weights: np.ndarray) -> np.ndarray:
-    """Return the effective sample size 1 / sum(w^2) of normalised log weights, (...,)."""
-    size: np.ndarray = np.exp(-log_sum_exp(2.0 * log_weights))
-    return size
 
 
 def systematic_resample(

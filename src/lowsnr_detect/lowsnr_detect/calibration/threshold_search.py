@@ -20,6 +20,7 @@ from lowsnr_detect.calibration.tail_quantile import upper_quantile
 from lowsnr_detect.calibration.tail_quantile import upper_quantiles
 from lowsnr_detect.parts.detector import Detector
 import numpy as np
+import scipy
 
 # A threshold out of reach of noise, with which the search begins [nat].
 _START = 50.0
@@ -53,7 +54,7 @@ class ThresholdSearch:
         self, prob: float, odds: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return threshold, interval and measured probability at each of the log odds."""
-        probs = 1.0 / (1.0 + np.exp(-odds))
+        probs = scipy.special.expit(odds)
         design, design_peaks = self._design_threshold(prob)
         found = upper_quantiles(design_peaks.ravel(), probs)
         low, high = (bound - found for bound in self._interval(design_peaks, probs))
