@@ -93,9 +93,8 @@ class Supervisor:
         self._environment, self._server, self._claim = environment, server, claim
         self._stops_faster: int | None = None  # once the run ends: signals that end it faster
         self._stop, self._respawn = stop, respawn
-        self.account = Account()
         self._watch = FrameWatch(live=any(node.live for node in part.own))
-        self.results = ResultsWatch()
+        self.account, self.results = Account(), ResultsWatch()
         self._missed: dict[Node, str] = {}  # nodes that stay dead, and how they died
 
     def run(self) -> tuple[int, str]:
@@ -116,8 +115,7 @@ class Supervisor:
             if self._server is not None:
                 self._server.wait()
             self._manager.guard.check_before_start()
-            self._manager.parts.wait_for_reports(self._manager.catch_up)
-            if conflict := self._manager.parts.conflict():
+            if conflict := self._manager.parts.wait_for_reports(self._manager.catch_up):
                 return (FAILED, conflict)
             self._joins = self._manager.parts.running
             try:
@@ -129,9 +127,7 @@ class Supervisor:
             return self._run_processes()
 
     def _run_processes(self) -> tuple[int, str]:
-        with tqdm(
-            desc='starting', total=self._frames, unit=' frames', disable=None,
-        ) as self._bar:
+        with tqdm(desc='starting', total=self._frames, unit=' frames', disable=None) as self._bar:
             self._respawner = Respawner(
                 self._group, self._manager, self._folder, start_files(self._folder))
             try:
@@ -170,8 +166,7 @@ class Supervisor:
         self._manager.end_frames()
         while not self._part.evaluates:
             self._manager.spin(0.1)  # until the run is over
-        frames = self._manager.frames
-        scored, since = frames.scored, time.monotonic()
+        frames, scored, since = self._manager.frames, 0, time.monotonic()
         while frames.ledger.awaits and self._frames is not None:
             self._manager.spin(0.1)
             if frames.scored != scored:

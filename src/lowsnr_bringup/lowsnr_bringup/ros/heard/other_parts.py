@@ -134,14 +134,15 @@ class OtherParts:
         for publisher in self._publishers.values():
             publisher.wait_for_all_acked(_ACKNOWLEDGED)
 
-    def wait_for_reports(self, take: Callable[[], None]) -> None:
-        """Wait until the part with the evaluator is heard, or for long enough if none is."""
+    def wait_for_reports(self, take: Callable[[], None]) -> str:
+        """Wait for the part with the evaluator, not for long; return a conflict, as below."""
         until_s = self._clock() + _HEARD_WITHIN_S
         while self._part.expected and self._clock() < until_s:
             take()
             if any('/evaluator' in report.own for report, _ in self._heard.values()):
                 break
             time.sleep(_LOOK_EVERY_S)
+        return self.conflict()
 
     def state(self, node: GraphNode) -> str:
         """Return the state of an expected node, `ELSEWHERE` while its part is not heard."""
