@@ -12,6 +12,7 @@ from pathlib import Path
 import time
 
 from lowsnr_bringup.plan.graph import Node
+from lowsnr_bringup.plan.node_command import by_process
 from lowsnr_bringup.ros.manager import Manager
 from lowsnr_bringup.run.middleware import clear_leftovers
 from lowsnr_bringup.run.processes import NodeProcess
@@ -145,19 +146,15 @@ class Respawner:
 
     def update(self) -> None:
         """Start the nodes that are due, and announce those that are active again."""
+        now_s = time.monotonic()
         for node, case in list(self._cases.items()):
-            now_s = time.monotonic()
-            if case.process is None:
-                together = [member.node for member in self.group.together(node)]
-                if all(self._due(other, now_s) for other in together):
-                    self._start(together)
-            elif self.manager.reports.is_active(node, case.process.process.pid):
+            if case.process and self.manager.reports.is_active(node, case.process.process.pid):
                 del self._cases[node]
                 self._announce(node, case, now_s)
-
-    def _due(self, node: Node, now_s: float) -> bool:
-        case = self._cases.get(node)
-        return case is not None and case.process is None and now_s >= case.start_s
+        waiting = [node for node, case in self._cases.items() if case.process is None]
+        for together in by_process(waiting):
+            if all(now_s >= self._cases[node].start_s for node in together):
+                self._start(together)
 
     def _start(self, nodes: list[Node]) -> None:
         """Start the nodes of a process, or try later if the disk or the machine has no room."""

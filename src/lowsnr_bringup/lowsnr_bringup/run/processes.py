@@ -169,15 +169,11 @@ class ProcessGroup:
             env={**self._environment, LIFELINE: ','.join(map(str, lines))},
             pass_fds=(*lines, *self._claim), start_new_session=True)
 
-    def together(self, node: Node) -> list[NodeProcess]:
-        """Return the members that share the process of a node, itself among them."""
-        process = self.member(node).process
-        return [member for member in self.members if member.process is process]
-
     def kill(self, member: NodeProcess, hung: str) -> None:
         """Kill a process that hangs; it may be stopped, so that no other signal reaches it."""
-        for each in self.together(member.node):
-            each.hung = hung
+        for each in self.members:
+            if each.process is member.process:
+                each.hung = hung
         member.process.kill()
 
     def member(self, node: Node) -> NodeProcess:
