@@ -10,7 +10,6 @@ import argparse
 from collections.abc import Iterable
 from collections.abc import Sequence
 import difflib
-import functools
 from importlib.util import find_spec
 from itertools import takewhile
 import math
@@ -24,13 +23,12 @@ from typing import Any
 from typing import NoReturn
 
 import _environment  # which leaves a Python that is too old for what follows
+import _parameters
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'config'
 SCENARIOS = CONFIG / 'scenarios'
 RESULTS = (Path.cwd() if _environment.INSTALLED else ROOT) / 'results'
-PACKAGES = ('lowsnr_bringup', 'lowsnr_common', 'lowsnr_detect', 'lowsnr_eval', 'lowsnr_sensor',
-            'lowsnr_track')
 USAGE, INTERRUPTED = 2, 130
 SNR_DB = -30.0, 80.0  # of SensorModel
 
@@ -179,16 +177,6 @@ def nodes() -> list[str]:
     return [*detectors(), *re.findall(r"^    '(\w+)': NodeKind", text, re.MULTILINE), 'all']
 
 
-@functools.cache
-def settings() -> set[str]:
-    """Return the names of all settings of nodes and scenarios and of their groups."""
-    declared = re.compile(
-        r'^ {4}([a-z]\w*): .* = (?:setting\(|field\(default_factory=[A-Z])', re.MULTILINE)
-    return {
-        name for package in PACKAGES for path in sources(package).rglob('*.py')
-        for name in declared.findall(path.read_text(encoding='utf-8'))}
-
-
 def override(text: str) -> str:
     """Return a text that reads ``NODE.PARAMETER=VALUE`` with names that there are."""
     name, equals, _ = text.partition('=')
@@ -198,12 +186,22 @@ def override(text: str) -> str:
     if node not in (known := nodes()):
         raise argparse.ArgumentTypeError(
             f'{text!r}: {node} is not one of {", ".join(known)}{did_you_mean(node, known)}')
-    names = settings()
-    for part in parameter.split('.'):
-        if part not in names:
-            raise argparse.ArgumentTypeError(
-                f'{text!r}: {part} is not a parameter of any node{did_you_mean(part, names)}')
+    names = _parameters.names(node)
+    if names and parameter not in names:  # of a detector newer than the table the plan knows
+        raise argparse.ArgumentTypeError(
+            f'{text!r}: {parameter} is not a parameter of {_whose(node)}'
+            + (did_you_mean(parameter, names) or _below(parameter, names)))
     return text
+
+
+def _below(name: str, known: Iterable[str]) -> str:
+    """Return the end of a message that offers a parameter whose group was left out."""
+    found = sorted(each for each in known if each.endswith(f'.{name}'))
+    return f'; did you mean {" or ".join(found)}?' if found else ''
+
+
+def _whose(node: str) -> str:
+    return 'any node' if node == _parameters.ALL else node
 
 
 def shown_path(path: Path, typed: Path | None) -> str:

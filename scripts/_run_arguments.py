@@ -2,8 +2,11 @@
 """The command line of ``bringup.py``."""
 
 import argparse
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
+from _arguments import CONFIG
 from _arguments import detector_name
 from _arguments import detectors
 from _arguments import input_path
@@ -15,6 +18,7 @@ from _arguments import scenarios
 from _arguments import SNR_DB
 from _film_arguments import add_film
 from _film_arguments import add_truth
+import _parameters
 
 
 def parse_arguments(arguments: list[str]) -> argparse.Namespace:
@@ -40,6 +44,9 @@ def parse_arguments(arguments: list[str]) -> argparse.Namespace:
     if options.list in ('detectors', 'scenarios'):
         print_names(detectors() if options.list == 'detectors' else scenarios())
         parser.exit()
+    if options.list and (known := _parameters.listed(CONFIG, options.detectors)) is not None:
+        print_parameters(known)
+        parser.exit()
     return options
 
 
@@ -52,16 +59,14 @@ def print_names(described: dict[str, str]) -> None:
 
 def extras_of(options: argparse.Namespace) -> tuple[str, ...]:
     """Return which extras of the environment the run needs."""
-    if options.replay or options.camera or options.view:
+    if options.replay:
         return ('bags', 'files')
-    return ('bags',) if options.record else ()
+    return ('bags',) * bool(options.record) + ('images',) * bool(options.camera or options.view)
 
 
-def print_parameters(config: Path, detectors: list[str]) -> None:
-    """Print all parameters that ``--set`` takes, with value, meaning and allowed values."""
-    from lowsnr_bringup.plan.config_files import describe_parameters
-    from lowsnr_bringup.plan.config_files import load_config
-    for name, value, allowed, text in describe_parameters(load_config(config), detectors):
+def print_parameters(described: Iterable[tuple[str, Any, str, str]]) -> None:
+    """Print parameters that ``--set`` takes, with value, meaning and allowed values."""
+    for name, value, allowed, text in described:
         print(f'{name} = {value}\n    {text}; {allowed}')
 
 

@@ -45,7 +45,9 @@ def main() -> int:
     options = parse_arguments(sys.argv[1:])
     _environment.ensure(extras_of(options))
     if options.list:
-        print_parameters(CONFIG, options.detectors)
+        from lowsnr_bringup.plan.config_files import describe_parameters
+        from lowsnr_bringup.plan.config_files import load_config
+        print_parameters(describe_parameters(load_config(CONFIG), options.detectors))
         return 0
     set_environment(options)
     from lowsnr_bringup.run.forked_nodes import NodeServer

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Copy version, maintainer and addresses to every file that states them; name what changed."""
+"""Write version, maintainer, addresses and parameters to the files that state them."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,6 +12,8 @@ from xml.sax.saxutils import quoteattr
 
 from _arguments import Parser
 from _arguments import ROOT
+import _environment
+import _parameters
 
 
 def main() -> int:
@@ -20,7 +22,8 @@ def main() -> int:
         prog='metadata.py', description=__doc__ + '  They stand in pyproject.toml, the version in '
         'src/lowsnr/lowsnr/__init__.py, and its date in CHANGELOG.md.',
         epilog='example: python scripts/metadata.py; exit code: 0 done').parse_args()
-    for path, text in stated(ROOT):
+    _environment.ensure(())
+    for path, text in (*stated(ROOT), (_parameters.TABLE, parameters(ROOT / 'config'))):
         if path.read_text(encoding='utf-8') != text:
             path.write_text(text, encoding='utf-8')
             print(f'wrote {path.relative_to(ROOT)}')
@@ -42,6 +45,25 @@ def stated(root: Path) -> Iterator[tuple[Path, str]]:
                 'repository-code': urls['repository']}),
             ('SECURITY.md', {'mail': maintainer['email']})):
         yield root / name, filled((root / name).read_text(encoding='utf-8'), values)
+
+
+def parameters(config: Path) -> str:
+    """Return the table of all parameters, with the values of a folder of parameter files."""
+    from lowsnr_bringup.plan.config_files import describe_parameters
+    from lowsnr_bringup.plan.config_files import load_config
+    from lowsnr_bringup.plan.graph import KINDS
+    from lowsnr_detect.parts.registry import detector_class
+    from lowsnr_detect.parts.registry import DETECTORS
+
+    detector_class('sdt')  # the detectors register themselves
+    found: dict[str, list[tuple[str, str, str, str]]] = {}
+    for name, *row in describe_parameters(load_config(config), sorted(DETECTORS)):
+        node, _, key = name.partition('.')
+        value, allowed, text = map(str, row)
+        found.setdefault(node, []).append((key, value, allowed, text))
+    return _parameters.as_table(
+        _parameters.config_digest(config), {name: found[name] for name in sorted(DETECTORS)},
+        {name: found[name] for name in KINDS})
 
 
 def manifest(text: str, project: dict[str, Any], version: str) -> str:

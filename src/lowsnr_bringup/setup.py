@@ -29,7 +29,8 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml']),
-        *map(shared, ('config/*', 'config/scenarios/*', 'scripts/[!t]*.py', 'requirements/*')),
+        *map(shared, ('config/*', 'config/scenarios/*', 'scripts/[!t]*.py', 'scripts/*.json',
+                      'requirements/*')),
     ],
     install_requires=['setuptools'],
     extras_require={'test': ['pytest']},

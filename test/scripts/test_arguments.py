@@ -10,12 +10,16 @@ import sys
 import time
 
 import _arguments
+import _environment
+import _parameters
+import _venv
 import bringup
 import calibrate
 import convert
 import evaluate
 import learn_noise
 import lowsnr
+from lowsnr_bringup.plan.config_files import describe_parameters
 from lowsnr_bringup.plan.config_files import load_config
 from lowsnr_bringup.plan.config_files import load_overrides
 from lowsnr_bringup.plan.graph import KINDS
@@ -28,6 +32,7 @@ from lowsnr_detect.parts.registry import detector_class
 from lowsnr_detect.parts.registry import DETECTORS
 from lowsnr_eval.study.examples import EXAMPLES
 import manual
+import metadata
 import pytest
 import reproduce
 
@@ -47,7 +52,8 @@ MISSPELT = [
     (convert, ['a', '--out', 'b', '--perod', '1'], '--period'),
     (evaluate, ['a', '--result', 'b'], '--results'),
     (bringup, ['--set', 'sdtt.alpha=1'], 'sdt'), (bringup, ['--set', 'sdt.alhpa=1'], 'alpha'),
-    (bringup, ['--set', 'all.sensor.nois.model=k'], 'noise'),
+    (bringup, ['--set', 'all.sensor.nois.model=k'], 'sensor.noise.model'),
+    (bringup, ['--set', 'sdt.shape=3'], 'sensor.noise.shape'),
     (calibrate, ['--set', 'sdt.max_iteration=8'], 'max_iterations'),
     (calibrate, ['--set', 'traker.rows=1'], 'tracker'),
     (convert, ['a', '--ot', 'b'], '--out'), (reproduce, ['--exampel', '3'], '--example'),
@@ -76,7 +82,9 @@ def test_version_is_that_of_the_library(capsys, script):
 
 @pytest.mark.parametrize(('script', 'arguments', 'culprit'), [
     (bringup, ['--set', 'sdtmax'], 'sdtmax'), (bringup, ['--set', 'sdt=3'], 'sdt=3'),
-    (bringup, ['--set', 'nobody.x=3'], 'nobody'), (bringup, ['--snr', '900'], '900'),
+    (bringup, ['--set', 'nobody.x=3'], 'nobody'),
+    (bringup, ['--set', 'tracker.max_iterations=3'], 'not a parameter of tracker'),
+    (bringup, ['--snr', '900'], '900'),
     (bringup, ['--snr', 'nan'], 'nan'), (bringup, ['--replay', 'nope.npz'], 'nope.npz'),
     (calibrate, ['--false-alarm-prob', '1.5'], '1.5'), (convert, ['nope', '--out', 'b'], 'nope'),
     (evaluate, ['nope'], 'nope'), (evaluate, ['x' * 5000], 'xxx'), (evaluate, ['a\0b'], 'a'),
@@ -106,10 +114,13 @@ def test_bounds_and_nodes_of_the_command_line_are_those_of_the_settings():
 
 
 def test_set_knows_the_declared_settings_and_no_other_fields():
-    classes = [cls for node in known_nodes() for cls in settings_classes(node)]
-    declared = {name for cls in classes for name in declared_settings(cls)}
-    assert {word for name in declared for word in name.split('.')} <= _arguments.settings()
-    assert not _arguments.settings() & {'states', 'grid', 'times_s'}
+    every = set()
+    for node in known_nodes():
+        declared = {name for cls in settings_classes(node) for name in declared_settings(cls)}
+        assert _parameters.names(node.removesuffix('_detector')) == declared
+        every |= declared
+    assert _parameters.names('all') == every
+    assert not _parameters.names('nobody')
 
 
 @pytest.mark.parametrize('words', [
@@ -134,11 +145,34 @@ def test_names_that_are_listed_are_those_that_there_are(capsys):
         assert all(len(line.split()) > 1 for line in lines)
 
 
+def described(detectors, config=bringup.CONFIG):
+    """Return what the declarations and the parameter files say of all parameters."""
+    return [(name, *map(str, row))
+            for name, *row in describe_parameters(load_config(config), detectors)]
+
+
+def test_table_of_parameters_is_what_is_declared():
+    assert _parameters.TABLE.read_text() == metadata.parameters(
+        bringup.CONFIG), 'python scripts/metadata.py writes it'
+    for detectors in (['sdt'], ['hmm', 'cdt'], list(DETECTORS)):
+        assert _parameters.listed(bringup.CONFIG, detectors) == described(detectors)
+
+
+def test_parameter_files_that_were_changed_win_over_the_table(tmp_path):
+    config = tmp_path / 'config'
+    shutil.copytree(bringup.CONFIG, config)
+    path = config / 'detectors.yaml'
+    path.write_text(path.read_text().replace('max_iterations: 5', 'max_iterations: 9'))
+    assert _parameters.listed(config, ['sdt']) is None
+    assert dict(row[:2] for row in described(['sdt'], config))['sdt.max_iterations'] == '9'
+    assert _parameters.listed(bringup.CONFIG, ['not_yet_in_the_table']) is None
+
+
 def test_every_parameter_that_is_listed_can_be_set_to_its_value(capsys):
-    options = bringup.parse_arguments(['--list', 'parameters', '--detector', 'hmm', 'sdt'])
-    bringup.print_parameters(bringup.CONFIG, options.detectors)
+    with pytest.raises(SystemExit) as end:
+        bringup.parse_arguments(['--list', 'parameters', '--detector', 'hmm', 'sdt'])
     lines = [line for line in capsys.readouterr().out.splitlines() if line[0] != ' ']
-    assert len(lines) > 200
+    assert (end.value.code, len(lines) > 200) == (0, True)
     values = dict(line.split(' = ', 1) for line in lines)
     for name in values:
         assert _arguments.override(f'{name}=1') == f'{name}=1'
@@ -162,6 +196,7 @@ def clone(tmp_path_factory):
 
 @pytest.mark.parametrize(('script', 'arguments', 'code'), [
     ('bringup', ['--detector', 'stt'], 2), ('bringup', ['--list', 'detectors'], 0),
+    ('bringup', ['--list', 'parameters'], 0), ('bringup', ['--set', 'sdt.shape=3'], 2),
     ('calibrate', ['--snr', 'x'], 2), ('evaluate', ['nope'], 2), *(
         (name, [option], code) for name in NAMES
         for option, code in (('--help', 0), ('--version', 0), ('--verson', 2)))])
@@ -175,6 +210,18 @@ def test_fresh_clone_answers_without_an_environment(clone, script, arguments, co
     assert (done.stderr.count('\n'), bool(done.stdout)) == ((1, False) if code else (0, True))
     assert not list(clone.glob('.venv*'))
     assert time.monotonic() - start < 30.0  # it installs nothing; idle it takes 0.2 s
+
+
+@pytest.mark.parametrize(('words', 'extras'), [
+    ([], ()), (['--camera', '/image_raw'], ('images',)), (['--view'], ('images',)),
+    (['--record', 'bag'], ('bags',)), (['--camera', '/x', '--record', 'bag'], ('bags', 'images')),
+    (['--replay', str(ROOT)], ('bags', 'files'))])
+def test_run_asks_for_the_extras_that_it_uses(words, extras):
+    found = bringup.extras_of(bringup.parse_arguments(words))
+    assert found == extras
+    assert set(found) <= {*_environment.EXTRAS, *_environment.PARTS}
+    assert all(package in _venv.asked_of([extra])
+               for extra, package in _environment.PARTS.values())
 
 
 @pytest.mark.parametrize(('typed', 'completed'), [

@@ -115,14 +115,16 @@ def test_only_what_an_installed_ros_lacks_is_added(checkout, ros):
     assert 'tqdm==' in (checkout / '.venv' / 'requirements.txt').read_text()
 
 
-def test_installed_command_names_the_packages_that_rosdep_does_not_install(checkout):
+@pytest.mark.parametrize(('extra', 'packages'), [
+    ('bags', 'lz4 mcap rosbags zstandard'), ('images', 'opencv-python-headless')])
+def test_installed_command_names_the_packages_that_it_uses_and_lacks(checkout, extra, packages):
     shutil.rmtree(checkout / 'src')  # as colcon installs it
     assert run(checkout)[0] == 0  # of what rosdep installs nothing is checked
     script = checkout / 'scripts' / 'script.py'
-    script.write_text(script.read_text().replace('ensure(())', "ensure(('bags',))"))
+    script.write_text(script.read_text().replace('ensure(())', f"ensure(('{extra}',))"))
     code, _, errors = run(checkout)
     assert (code, len(errors)) == (2, 1)
-    assert errors[0].endswith('pip install lz4 mcap rosbags zstandard')
+    assert errors[0].endswith(f'pip install {packages}')
     assert not (checkout / '.venv').exists()
 
 
