@@ -52,7 +52,11 @@ class PlaceDensity:
 
     def draw(self, shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
         """Return positions x, y of a leading shape, (..., 2) [m]."""
-        return (self.x_m, self.y_m) + self.std_m * rng.standard_normal((*shape, 2))
+        return self.at(rng.standard_normal((*shape, 2)))
+
+    def at(self, deviations: np.ndarray) -> np.ndarray:
+        """Return the positions x, y that lie so many standard deviations off, (..., 2) [m]."""
+        return (self.x_m, self.y_m) + self.std_m * deviations
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,7 +175,7 @@ def draw_bound(
     when, noise = rng.random(shape), rng.standard_normal((*shape, 2))
     for number, each in enumerate(densities):
         own = chosen == number
-        place[own] = (each.x_m, each.y_m) + each.std_m * noise[own]
+        place[own] = each.at(noise[own])
         count = each.latest_frame - each.earliest_frame + 1
         arrival[own] = each.earliest_frame + np.floor(count * when[own]).astype(int)
     return Bound(place, arrival)
