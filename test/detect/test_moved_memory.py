@@ -3,11 +3,16 @@
 
 from dataclasses import replace
 
+from lowsnr_common.core.bound_motion import Destinations
+from lowsnr_common.core.destination import Destination
 from lowsnr_common.core.measurement import SensorModel
+from lowsnr_common.core.motion import MotionModes
 from lowsnr_common.settings.node_settings import DetectionSettings
 from lowsnr_detect.adaptive.adaptive_detector import AdaptiveDetector
+from lowsnr_detect.detectors.sdt import SDT
 from lowsnr_detect.node.live_detector import LiveDetector
 from lowsnr_detect.parts.cell_detector import CellDetector
+from lowsnr_detect.parts.existence import Existence
 from lowsnr_detect.parts.moved_memory import moved_memory
 from lowsnr_detect.parts.registry import detector_class
 from lowsnr_detect.parts.registry import DETECTORS
@@ -70,6 +75,62 @@ def test_particles_move_by_metres():
     moved = moved_memory(memory, detector.init(SHAPE), SHAPE, BY, 0.5)
     np.testing.assert_allclose(
         moved.states - memory.states, np.broadcast_to([4.0, 0.0, -2.0, 0.0], memory.states.shape))
+
+
+def test_paths_go_to_the_place_where_the_destination_is_in_the_new_cells(rng):
+    to = Destination(probability=0.9, x_m=30.0, y_m=16.0, std_m=1.0, arrival_frame=12)
+    before = SDT(sensor=SENSOR, move_prior=True, destination=to)
+    after = replace(before, destination=replace(to, x_m=to.x_m - BY[1], y_m=to.y_m - BY[0]))
+    moved, stood = before.init(SHAPE), after.init(SHAPE)
+    for number in range(8):
+        scene, corner = rng.standard_normal(SCENE), tuple(np.add(CORNER, BY))
+        if number == 3:
+            moved = moved_memory(moved, before.init(SHAPE), SHAPE, BY, 1.0)
+        moved, found = before.statistic(
+            moved, windowed(scene, CORNER if number < 3 else corner))
+        stood, known = after.statistic(stood, windowed(scene, corner))
+    assert np.isfinite(known[INNER]).sum() > 100
+    np.testing.assert_allclose(found[INNER], known[INNER], rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize('size', [1.0, 0.5])
+@pytest.mark.parametrize('name', ['hmm', 'tbd2', 'mmtbd2'])
+def test_one_destination_stays_in_the_scene(name, size, rng):
+    sensor, place = SensorModel(snr_db=16.0, cell_size_m=size), np.array([22, 20])
+    detector = detector_class(name)(
+        sensor=sensor, existence=Existence(birth_prob=1e-6, death_prob=1e-6, initial_prob=0.5),
+        threshold=-50.0, destination=Destination(
+            probability=0.99, x_m=28.0 * size, y_m=14.0 * size, std_m=0.3, arrival_frame=12,
+            acceleration_density=0.05 * size**2))
+    detector = replace(detector, motion=replace(
+        detector.motion, acceleration_density=0.05 * size**2, max_speed_mps=1.5 * size))
+    memory = detector.init(SHAPE)
+    for number in range(12):
+        if number == 5:
+            memory = moved_memory(memory, detector.init(SHAPE), SHAPE, BY, size)
+        frame = np.full(SHAPE, sensor.intensity / 2.0)  # a likelihood ratio of one
+        if number == 0:
+            frame[:] = 0.0
+            frame[tuple(place)] = 2.0 * sensor.intensity
+        memory, declared = detector.step(memory, frame, rng)
+    where = declared.estimates()[0].state[[2, 0]] / size
+    assert where == pytest.approx(np.subtract((14.0, 28.0), BY), abs=1.5)
+
+
+def test_births_after_a_move_are_bound_for_the_place_in_the_new_cells(rng):
+    detector = detector_class('mmtbd2')(
+        sensor=replace(SENSOR, cell_size_m=0.5), particles=100, birth_particles=100,
+        existence=Existence(birth_prob=0.5), motion=MotionModes(acceleration_density=0.1),
+        destinations=Destinations(
+            probability=(1.0,), x_m=(9.0,), y_m=(7.0,), std_m=(0.0,), earliest_frame=(20,),
+            latest_frame=(20,)))
+    memory = detector.init(SHAPE)
+    for number in range(4):
+        if number == 2:
+            memory = moved_memory(memory, detector.init(SHAPE), SHAPE, BY, 0.5)
+        memory, _ = detector.step(memory, np.zeros(SHAPE), rng)
+    np.testing.assert_allclose(
+        memory.bound.place, np.broadcast_to([13.0, 5.0], memory.bound.place.shape))
 
 
 def test_adaptive_threshold_keeps_what_it_saw_at_its_place(rng):

@@ -24,6 +24,7 @@ the base motion again, whether or not the object has stopped there.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from dataclasses import replace
 
 from lowsnr_common.core.motion import MotionModes
 from lowsnr_common.core.motion import POS
@@ -57,6 +58,12 @@ class Destination:
     def is_ahead(self, frame: int) -> bool:
         """Return whether there is a destination and a frame is not after the arrival."""
         return self.probability > 0.0 and frame <= self.arrival_frame
+
+    def moved(self, by: tuple[int, int], cell_size_m: float) -> Destination:
+        """Return it in cells whose first one moved ``by`` rows and columns."""
+        rows, cols = by
+        return replace(
+            self, x_m=self.x_m - cols * cell_size_m, y_m=self.y_m - rows * cell_size_m)
 
     def look_ahead(self, frame: int, period_s: float) -> tuple[float, float]:
         """Return the time from a frame to the arrival [s] and the variance R there [m^2]."""

@@ -148,7 +148,7 @@ class HMM(GridDetector):
         born, stays, absent = self.existence.predict(last.log_odds if last else None)
         likelihood, peak = relative_likelihood(self.sensor, frame)
         if last is None:
-            weights = self.steps.births(1, frame.shape) * (as_plane(born) * likelihood)
+            weights = self.steps.births(1, frame.shape, (0, 0)) * (as_plane(born) * likelihood)
             mass = total(weights).sum(axis=0)
         else:
             weights, inside, mass = self.steps.forward(last, likelihood, stays, born)
@@ -174,7 +174,7 @@ class HMM(GridDetector):
             one = np.exp(-peak)
             value = ratio * later.likelihood * as_plane(np.exp(later.peak - peak))
             present = survives * steps.expected(number, value, shift) + gone * as_plane(one)
-            born = total(steps.births(number, shape) * value).sum(axis=0)
+            born = total(steps.births(number, shape, shift) * value).sum(axis=0)
             absent = (1.0 - chain.birth_prob) * one + chain.birth_prob * born
             ratio = steps.before(
                 np.maximum(present / as_plane(absent), LEAST_RATIO), number)

@@ -107,8 +107,7 @@ def sequential_test(
     waits = (th_1 < T) & ~declared
     # Eq. (8), for M = s_m: every path is decided.
     declared[-1], waits[-1] = True, False
-    gain = sensor.intensity / sensor.noise_std**2
-    ln_L = gain * (T - M * sensor.intensity / 2.0)
+    ln_L = sensor.intensity / sensor.noise_std**2 * (T - M * sensor.intensity / 2.0)
     return (np.where(waits, T, -np.inf)[:-1],
             np.where(declared, ln_L, -np.inf).max(axis=0))
 
@@ -118,12 +117,13 @@ class Paths:
     """
     The open paths after a frame.
 
-    ``log_ratio`` (s_m - 1, ..., rows, cols) is ln L_M, in float32, of the best path that ends in
-    each cell, -inf for none [nat]; ``frame`` is the number of the frame, 0 before the first.
+    ``log_ratio`` (s_m - 1, ..., rows, cols) is ln L_M [nat], in float32, of the best path to each
+    cell, -inf for none; ``frame`` is its number, from 0; ``destination`` lies in its cells.
     """
 
     log_ratio: np.ndarray
     frame: int
+    destination: Destination
 
 
 @register('sdt')
@@ -168,20 +168,21 @@ class SDT(CellDetector):
 
     def init(self, shape: tuple[int, ...]) -> Paths:
         """Return the open paths before the first frame: none."""
-        return Paths(np.full((self.max_iterations - 1, *shape), -np.inf, np.float32), 0)
+        none = (self.max_iterations - 1, *shape)
+        return Paths(np.full(none, -np.inf, np.float32), 0, self.destination)
 
     def step(
         self, state: Paths, frame: np.ndarray, rng: np.random.Generator,
     ) -> tuple[Paths, Declarations]:
         """Make the test of eqs. (5) to (8) in a frame (..., rows, cols); ``rng`` is not used."""
         paths, decided, row_peaks = self._tested(state, frame, self._bounds)
-        return Paths(paths, state.frame + 1), self.declare(decided, row_peaks)
+        return paths, self.declare(decided, row_peaks)
 
     def statistic(self, state: Paths, frame: np.ndarray) -> tuple[Paths, np.ndarray]:
         """Make the test in a frame; return the largest decided ln L_M of every cell."""
         paths, decided, most = self._tested(state, frame, (*self._bounds[:2], -np.inf))
         decided[np.isneginf(most)] = -np.inf
-        return Paths(paths, state.frame + 1), decided
+        return paths, decided
 
     def nominal(self) -> Self:
         """Return Wald's test: th_2 for alpha and beta, truncated at equal likelihood."""
@@ -190,21 +191,21 @@ class SDT(CellDetector):
 
     def _tested(
         self, state: Paths, frame: np.ndarray, bounds: tuple[float, float, float],
-    ) -> tuple[np.ndarray, ...]:
+    ) -> tuple[Paths, np.ndarray, np.ndarray]:
         """Return what :func:`sequential_test` does, as ln L_M: rows above the last bound only."""
         plane, factor, offset = ratio_terms(self.sensor, frame)
         before, start = self._moved(state, frame.shape)
         before = before.reshape(-1, *plane.shape)
-        paths, decided = np.empty(before.shape, np.float32), np.empty(plane.shape, np.float32)
-        row_peaks = np.empty(plane.shape[:2], np.float32)
+        paths, decided, row_peaks = (
+            np.empty(shape, np.float32) for shape in (before.shape, plane.shape, plane.shape[:2]))
         radius, unused = 0 if self.move_prior else self.radius, self.restart == 'unused'
         in_bands(
             lambda first, last: extend_paths(
                 before, plane, factor, offset, start, radius, unused, bounds, first, last,
                 paths, decided, row_peaks),
             plane.shape[1], self.regions)
-        shapes = state.log_ratio.shape, frame.shape, frame.shape[:-1]
-        return tuple(map(np.reshape, (paths, decided, row_peaks), shapes))
+        after = Paths(paths.reshape(state.log_ratio.shape), state.frame + 1, state.destination)
+        return after, decided.reshape(frame.shape), row_peaks.reshape(frame.shape[:-1])
 
     @functools.cached_property
     def _bounds(self) -> tuple[float, float, float]:
@@ -221,9 +222,9 @@ class SDT(CellDetector):
         model = move_model(self.motion, self.sensor, 0)
         near = np.all(abs(model.moves) <= self.radius, axis=1)
         log_prob, start, number = np.log(model.kernel.ravel()[near]), _NO_START, state.frame + 1
-        if self.destination.is_ahead(number):
+        if state.destination.is_ahead(number):
             start, log_moves = log_destination_terms(
-                self.destination, self.motion, self.sensor, number, shape)
+                state.destination, self.motion, self.sensor, number, shape)
             log_prob = log_prob[:, None, None] + log_moves[near]
         return best_vicinity(state.log_ratio, model.moves[near], log_prob, self.regions), start
 

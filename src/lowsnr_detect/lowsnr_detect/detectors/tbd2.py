@@ -73,6 +73,8 @@ class Particles:
         Number of the frame, from 1.
     bound : Bound of (..., N) or None
         Their destinations; None where there are none.
+    shift
+        Rows and columns by which the first cell has moved in the scene.
 
     """
 
@@ -81,12 +83,14 @@ class Particles:
     log_odds: np.ndarray
     frame: int
     bound: Bound | None = None
+    shift: tuple[int, int] = (0, 0)
 
     def moved(self, by: tuple[int, int], cell_size_m: float) -> Particles:
         """Return the particles in cells whose first one moved ``by`` rows and columns."""
         return replace(
             self, states=moved_states(self.states, by, cell_size_m),
-            bound=self.bound and self.bound.moved(by, cell_size_m))
+            bound=self.bound and self.bound.moved(by, cell_size_m),
+            shift=(self.shift[0] + by[0], self.shift[1] + by[1]))
 
 
 @register('mmtbd2')
@@ -122,7 +126,8 @@ class MMTBD2(PosteriorDetector):
         """
         born, stays, absent = self.existence.predict(state.log_odds if state else None)
         number = state.frame + 1 if state else 1
-        states, modes, log_weights = self._births(number, frame, rng)
+        shift = state.shift if state else (0, 0)
+        states, modes, log_weights = self._births(number, frame, shift, rng)
         log_weights = log_weights + np.log(born)[..., None]
         bound = self._bound(state, modes.shape, rng)
         if state:
@@ -137,7 +142,8 @@ class MMTBD2(PosteriorDetector):
         log_odds = log_sum - np.log(absent)
         chosen = systematic_resample(log_weights, self.particles, rng)
         bound = bound and Bound(pick(bound.place, chosen), pick(bound.arrival, chosen))
-        resampled = Particles(pick(states, chosen), pick(modes, chosen), log_odds, number, bound)
+        resampled = Particles(
+            pick(states, chosen), pick(modes, chosen), log_odds, number, bound, shift)
         return resampled, declare_posterior(
             log_odds, self.threshold, self.decision,
             particle_posterior(self.sensor, frame.shape[-2:], states, log_weights))
@@ -156,7 +162,10 @@ class MMTBD2(PosteriorDetector):
         if not self.destinations.densities:
             return None
         births = draw_bound(self.destinations.densities, born, rng)
-        return Bound.join([births, state.bound]) if state and state.bound else births
+        if not (state and state.bound):
+            return births
+        births = births.moved(state.shift, self.sensor.cell_size_m)
+        return Bound.join([births, state.bound])
 
     def _continuing(
         self, state: Particles, shape: tuple[int, ...], rng: np.random.Generator,
@@ -171,12 +180,16 @@ class MMTBD2(PosteriorDetector):
         if not self.destination.is_ahead(number):
             return self.motion.move(state.states, modes, period, rng), modes, 0.0
         states, log_factor = move_towards(
-            self.destination, self.motion, state.states, modes, number, period,
+            self._destination(state.shift), self.motion, state.states, modes, number, period,
             _area_m2(self.sensor, shape), rng)
         return states, modes, log_factor
 
+    def _destination(self, shift: tuple[int, int]) -> Destination:
+        """Return where objects are bound for in cells whose first one has moved."""
+        return self.destination.moved(shift, self.sensor.cell_size_m)
+
     def _births(
-        self, number: int, frame: np.ndarray, rng: np.random.Generator,
+        self, number: int, frame: np.ndarray, shift: tuple[int, int], rng: np.random.Generator,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Draw the birth particles; return states, modes and ln(l b / (q N_b))."""
         proposal = log_birth_proposal(self.sensor.log_likelihood_ratio(frame))
@@ -185,7 +198,7 @@ class MMTBD2(PosteriorDetector):
         correction = -np.log(proposal.shape[-1] * self.birth_particles) - pick(proposal, cells)
         if self.destination.is_ahead(number):
             correction += np.log(state_likelihood(
-                self.destination, states, number, self.sensor.frame_period_s,
+                self._destination(shift), states, number, self.sensor.frame_period_s,
                 _area_m2(self.sensor, frame.shape)))
         return states, modes, state_log_ratio(self.sensor, frame, states) + correction
 

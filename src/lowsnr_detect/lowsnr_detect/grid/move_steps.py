@@ -109,7 +109,9 @@ class MoveSteps:
         """Return whether the steps into a frame differ from those into others."""
         return self.destination.is_ahead(number) or self.pairs.ahead(number) > 0
 
-    def births(self, number: int, shape: tuple[int, ...]) -> np.ndarray:
+    def births(
+        self, number: int, shape: tuple[int, ...], shift: tuple[int, int],
+    ) -> np.ndarray:
         """Return b(x) in a frame of a shape, with the axes of the weights of a belief."""
         shares = self.pairs.shares(number)
         uniform = birth_belief(self.model, (1, *shape))
@@ -118,7 +120,7 @@ class MoveSteps:
             return births
         rows, cols = shape[-2:]
         factor = cell_likelihoods(
-            self.destination, self.motion, self.sensor, self.order, number, (rows, cols))
+            self._destination(shift), self.motion, self.sensor, self.order, number, (rows, cols))
         return np.asarray(births * over_runs(factor, len(shape) - 1))
 
     def forward(
@@ -128,7 +130,7 @@ class MoveSteps:
         number, scale = last.frame + 1, 1.0 / last.mass
         if self.vary(number):
             moved = self._moved(last, likelihood.shape) * as_plane(scale)
-            births = self.births(number, likelihood.shape)
+            births = self.births(number, likelihood.shape, last.shift)
             weights = likelihood * (as_plane(stays) * moved + as_plane(born) * births)
             return weights, total(moved).sum(axis=0), total(weights).sum(axis=0)
         weights, inside, mass = move_and_weigh(
@@ -144,7 +146,7 @@ class MoveSteps:
             return self._as_belief(found)
         if not self.destination.is_ahead(number):
             return expect_belief(self.model, value)
-        factor, mean = self._one_destination(number, value.shape)
+        factor, mean = self._one_destination(number, value.shape, shift)
         expected = expect_belief(self.model, value, factor)
         return np.asarray(expected / over_runs(mean, value.ndim - 4))
 
@@ -157,7 +159,7 @@ class MoveSteps:
         """Return the weights of a belief after the step towards destinations."""
         number = last.frame + 1
         if self.pairs.ahead(number) == 0:
-            factor, mean = self._one_destination(number, shape)
+            factor, mean = self._one_destination(number, shape, last.shift)
             return self._move(last.weights / over_runs(mean, last.weights.ndim - 4), factor)
         mass = folded(self._by_state(last.weights), 1 + self.pairs.ahead(number))
         return self._as_belief(self._tilt(number, shape, last.shift).moved(
@@ -169,12 +171,15 @@ class MoveSteps:
         return move_and_weigh(
             self.model, belief, ones, np.array(1.0), nothing, factor, self.regions)[0]
 
+    def _destination(self, shift: tuple[int, int]) -> Destination:
+        return self.destination.moved(shift, self.sensor.cell_size_m)
+
     def _one_destination(
-        self, number: int, shape: tuple[int, ...],
+        self, number: int, shape: tuple[int, ...], shift: tuple[int, int],
     ) -> tuple[np.ndarray, np.ndarray]:
         rows, cols = shape[-2:]
         return move_likelihoods(
-            self.destination, self.motion, self.sensor, self.order, number, (rows, cols))
+            self._destination(shift), self.motion, self.sensor, self.order, number, (rows, cols))
 
     def _tilt(self, number: int, shape: tuple[int, ...], shift: tuple[int, int]) -> Tilt:
         model = self.model
