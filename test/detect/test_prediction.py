@@ -15,7 +15,7 @@ SHAPE, SENSOR = (8, 11), SensorModel(snr_db=7.0)
 def mass_of(belief):
     """Return the probability of every point given existence, (rows, cols)."""
     if hasattr(belief, 'given'):
-        return belief.given.sum(axis=(0, 1))
+        return belief.given.sum(axis=(0, 1, 2))
     return belief.mass
 
 
