@@ -5,6 +5,7 @@ from lowsnr_common.core.motion import POS
 from lowsnr_detect.parts.thinning import declare_cells
 import numpy as np
 import pytest
+from scipy.ndimage import uniform_filter
 
 THRESHOLD = -0.5
 SIZES = {'cell_size_m': 1.0, 'position_std_m': 0.3}
@@ -31,7 +32,8 @@ def greedy(plane, reach, shadow_reach, most):
 @pytest.mark.parametrize(('reach', 'shadow_reach', 'most'), [
     (0, 0, 5), (1, 0, 4), (1, 3, 2), (2, 1, 3), (0, 2, 1)])
 def test_many_crossed_cells_are_thinned_as_by_brute_force(reach, shadow_reach, most, ties):
-    planes = np.random.default_rng(0).normal(size=(6, 23, 31)).astype(np.float32)
+    noise = np.random.default_rng(0).normal(size=(6, 23, 31))
+    planes = uniform_filter(noise, (1, 5, 5)).astype(np.float32) * 5.0  # strong cells are close
     if ties:
         planes = np.round(2.0 * planes) / 2.0
     planes[2] = THRESHOLD  # nothing crosses it, between planes where much does
