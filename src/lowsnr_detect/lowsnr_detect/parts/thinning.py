@@ -63,9 +63,11 @@ def declare_cells(
     rows = np.flatnonzero(row_peaks > bound)
     found = plane.reshape(-1, plane.shape[-1])[rows]
     row, col = np.nonzero(found > bound)
-    return _thinned(
-        rows[row] * plane.shape[-1] + col, found[row, col].astype(float) - threshold, plane.shape,
-        peak, reach, most, cell_size_m, position_std_m, shadow_reach)
+    crossed, excess = _strongest(
+        rows[row] * plane.shape[-1] + col, found[row, col].astype(float) - threshold,
+        math.prod(plane.shape[-2:]), most * (2 * max(reach, shadow_reach) + 1) ** 2)
+    return _thinned(crossed, excess, plane.shape, peak, reach, most, cell_size_m, position_std_m,
+                    shadow_reach)
 
 
 @functools.lru_cache(maxsize=8)
@@ -79,6 +81,23 @@ def _empty_slots(
     for each in slots:
         each.setflags(write=False)
     return slots
+
+
+def _strongest(
+    crossed: np.ndarray, excess: np.ndarray, cells: int, count: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return at least the ``count`` strongest of the crossed cells (n,) of each frame.
+
+    Each declaration suppresses at most the cells of a square, so a weaker cell than the strongest
+    of that many squares as there may be declarations cannot become one.
+    """
+    kept = np.ones(crossed.size, dtype=bool)
+    edges = np.searchsorted(crossed, np.arange(0, crossed[-1] + cells + 1, cells))
+    for first in np.flatnonzero(np.diff(edges) > count):
+        frame = slice(edges[first], edges[first + 1])
+        kept[frame] = excess[frame] >= np.partition(excess[frame], -count)[-count]
+    return crossed[kept], excess[kept]
 
 
 def _thinned(
