@@ -187,9 +187,10 @@ def resample(
     width = min(roughening * count**-0.25, 1.0)
     if width > 0.0:
         mean, cov = (part[source] for part in particles.moments)
-        # Particles in a plane or a point have no Cholesky factor without the ridge.
-        ridge = 1e-9 * np.trace(cov, axis1=-2, axis2=-1) + 1e-200
-        factor = width * np.linalg.cholesky(cov + ridge[:, None, None] * np.eye(4))
+        # Particles in a plane or a point have no Cholesky factor without the ridge.  It is in
+        # proportion to each axis, so that nothing depends on the unit of time.
+        ridge = 1e-9 * np.diagonal(cov, axis1=-2, axis2=-1) + 1e-200
+        factor = width * np.linalg.cholesky(cov + ridge[:, None] * np.eye(4))
         track_kernels.roughen(
             states, low, mean, np.sqrt(1.0 - width**2), factor, paired_noise(count, 4, rng))
     bound = particles.bound and _drawn_bound(particles.bound, chosen, low, drawn)
