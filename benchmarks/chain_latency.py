@@ -7,6 +7,7 @@ other work.  The two ways and the bare round trip of an image are measured in tu
 """
 
 import argparse
+from collections.abc import Callable
 from collections.abc import Iterator
 import contextlib
 import os
@@ -23,7 +24,8 @@ sys.path[:0] = [str(ROOT / 'scripts'), str(ROOT / 'benchmarks')]
 
 import _environment  # noqa: E402
 
-DOMAIN, PERIOD_S, SKIPPED = 98, 0.01, 20
+DOMAIN, PERIOD_S, SKIPPED = '98', 0.01, 20  # the domain, unless the user has set one
+WITHIN_S = 60.0  # for the nodes to start, and for the tracks of a frame
 LAYER: dict[str, dict[str, Any]] = {
     '/**': {'autostart': True, 'seed': 0, 'sensor.snr_db': 9.0},
     'sdt_detector': {'operating_point': 'manual', 'threshold': 15.5, 'max_iterations': 5}}
@@ -39,7 +41,8 @@ def main() -> int:
     parser.add_argument('--rounds', type=int, default=3, help='rounds (3)')
     options = parser.parse_args()
     _environment.ensure()
-    os.environ |= {'ROS_DOMAIN_ID': str(DOMAIN), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+    os.environ.setdefault('ROS_DOMAIN_ID', DOMAIN)
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     from round_trip import round_trips
     times: dict[str, list[float]] = {'processes': [], 'composed': [], 'bare round trip': []}
     for _ in range(options.rounds):
@@ -57,8 +60,8 @@ def main() -> int:
 
 
 @contextlib.contextmanager
-def chain(side: int, composed: bool) -> Iterator[None]:
-    """Run detector and tracker, which start themselves."""
+def chain(side: int, composed: bool) -> Iterator[dict[str, subprocess.Popen[bytes]]]:
+    """Run detector and tracker, which start themselves; yield the processes by their nodes."""
     from lowsnr_bringup.plan import graph
     from lowsnr_bringup.plan.config_files import to_yaml
     from lowsnr_bringup.plan.node_command import by_process
@@ -70,6 +73,7 @@ def chain(side: int, composed: bool) -> Iterator[None]:
         file = Path(folder) / 'parameters.yaml'
         size = {'/**': {'rows': side, 'cols': side}}
         file.write_text(to_yaml(graph.parameters(nodes, LAYER, size)), encoding='utf-8')
+        processes = {}
         for each in by_process(nodes):
             module, arguments = node_command(dict.fromkeys(each, {}), file)
             process = subprocess.Popen(
@@ -78,7 +82,25 @@ def chain(side: int, composed: bool) -> Iterator[None]:
                 stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
             running.callback(process.wait)
             running.callback(process.terminate)
-        yield
+            processes[' and '.join(node.name for node in each)] = process
+        yield processes
+
+
+def wait(
+    condition: Callable[[], Any], node: Any, processes: dict[str, subprocess.Popen[bytes]],
+) -> None:
+    """Spin a node until a condition holds; end the program where that does not come about."""
+    import rclpy
+
+    until = time.monotonic() + WITHIN_S
+    while not condition():
+        rclpy.spin_once(node, timeout_sec=0.1)
+        for name, process in processes.items():
+            if process.poll() is not None:
+                sys.exit(f'{name} ended with code {process.returncode}')
+        if time.monotonic() > until:
+            sys.exit(f'no answer of {", ".join(processes)} within {WITHIN_S:g} s: start it again '
+                     'on a machine, or a ROS_DOMAIN_ID, with less load')
 
 
 def chain_latencies(side: int, count: int, composed: bool) -> list[float]:
@@ -98,10 +120,9 @@ def chain_latencies(side: int, count: int, composed: bool) -> list[float]:
     node.create_subscription(Detection2DArray, 'tracks', tracks.append, reliable(10))
     publisher = node.create_publisher(Image, 'image_raw', reliable(10))
     rng, times = np.random.default_rng(0), []
-    with chain(side, composed):
-        while not (publisher.get_subscription_count() and node.count_publishers('tracks')
-                   and (composed or node.count_subscribers('detections'))):
-            rclpy.spin_once(node, timeout_sec=0.1)
+    with chain(side, composed) as processes:
+        wait(lambda: publisher.get_subscription_count() and node.count_publishers('tracks')
+             and (composed or node.count_subscribers('detections')), node, processes)
         time.sleep(1.0)
         for k in range(count + SKIPPED):
             image = frame_to_image(
@@ -109,8 +130,7 @@ def chain_latencies(side: int, count: int, composed: bool) -> list[float]:
             tracks.clear()
             start = time.perf_counter()
             publisher.publish(image)
-            while not tracks:
-                rclpy.spin_once(node, timeout_sec=1.0)
+            wait(lambda: tracks, node, processes)
             times.append(time.perf_counter() - start)
             time.sleep(PERIOD_S)
     node.destroy_node()
@@ -119,4 +139,7 @@ def chain_latencies(side: int, count: int, composed: bool) -> list[float]:
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit(130)

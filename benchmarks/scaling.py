@@ -27,6 +27,7 @@ sys.path[:0] = [str(ROOT / 'scripts'), str(ROOT / 'test'), str(ROOT / 'benchmark
 import _environment  # noqa: E402
 
 CORES = (1, 2, 8, 64)
+SIDES = (256, 512, 1024, 2048, 4096)
 # Frames that are not counted; more follow where they are short.
 SETTLED, LEAST_FRAMES, LEAST_S = 6, 7, 0.3
 HEADER = (
@@ -58,17 +59,21 @@ def main() -> int:
         description=__doc__.strip().partition('\n')[0], allow_abbrev=False,
         epilog='example: python benchmarks/scaling.py --only SDT')
     parser.add_argument('--only', default='', help='rows whose name contains this')
-    parser.add_argument('--largest', type=int, default=4096, help='rows and columns (4096)')
+    parser.add_argument(
+        '--largest', type=int, default=SIDES[-1], choices=SIDES, help='rows and columns (4096)')
     parser.add_argument('--out', type=Path, help='write the costs to this JSON file')
     options = parser.parse_args()
     os.environ |= {'OMP_NUM_THREADS': '1', 'OPENBLAS_NUM_THREADS': '1'}
     _environment.ensure(dev=True)
-    found = {}
+    found, every = {}, rows(options.largest)
+    some = [row for row in every if options.only in row.what]
+    if not some:
+        parser.error(f'--only {options.only}: no row has this in its name; '
+                     f'there are {", ".join(row.what for row in every)}')
     print(HEADER[0])
-    for row in rows(options.largest):
-        if options.only in row.what:
-            found[row.what] = costs = [measured(row, size) for size in row.sizes]
-            print(line(row, costs), flush=True)
+    for row in some:
+        found[row.what] = costs = [measured(row, size) for size in row.sizes]
+        print(line(row, costs), flush=True)
     print(HEADER[1])
     for what, costs in found.items():
         if costs[-1].serial < 1.0:
@@ -91,7 +96,7 @@ def rows(largest: int) -> list[Row]:
     from lowsnr_detect.detectors.tbd2 import MMTBD2
     from lowsnr_detect.detectors.velocity_bank import VelocityBank
     import numba  # noqa: F401  (here, so that its memory counts for no row)
-    sides = tuple(side for side in (256, 512, 1024, 2048, 4096) if side <= largest)
+    sides = tuple(side for side in SIDES if side <= largest)
 
     def of_cells(what: str, detector: Any, some: tuple[int, ...]) -> Row:
         return Row(what, 'cells a side', some, lambda side: kernels.stepping(detector, side))
@@ -205,4 +210,7 @@ def line(row: Row, costs: list[Cost]) -> str:
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit(130)

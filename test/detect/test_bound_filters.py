@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Grid filters of objects that are bound for destinations: where they expect an object."""
 
+from lowsnr_bringup.plan.frame_checks import check_detector
 from lowsnr_common.core.bound_motion import Destinations
 from lowsnr_common.core.bound_motion import draw_bound
 from lowsnr_common.core.bound_motion import move_bound
@@ -143,3 +144,12 @@ def test_memory_grows_with_what_an_object_may_be_bound_for(name):
     plain, bound = FILTERS[name](), FILTERS[name](destinations=PLACES)
     assert bound.state_planes == 4 * plain.state_planes
     assert bound.memory_bytes(SHAPE) > 4 * plain.memory_bytes(SHAPE)
+
+
+@pytest.mark.parametrize('name', FILTERS)
+def test_pairs_beyond_all_memory_are_counted_without_being_made(name):
+    last = 10**15
+    bound = FILTERS[name](destinations=one_place(latest_frame=last))
+    assert bound.state_planes == (1 + last - 9) * FILTERS[name]().state_planes
+    with pytest.raises(ValueError, match='GiB'):
+        check_detector(name, bound, {'rows': SHAPE[0], 'cols': SHAPE[1]})

@@ -62,6 +62,7 @@ def test_tail_is_found_for_its_statistic_and_size_only(shipped):
 def test_camera_starts_without_a_simulation(monkeypatch, tmp_path):
     """The tails of ``auto`` at the SNR of the manual's examples, at a camera's frame period."""
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
+    white_tail.cache_clear()  # what other tests have asked for
     for member in Auto(sensor=SensorModel(snr_db=8.0), threshold=100.0).members:
         white_tail(member, 512, 512)
     assert not list(tmp_path.iterdir())

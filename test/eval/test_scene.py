@@ -151,3 +151,25 @@ def test_full_disk_ends_the_scene_and_nothing_else(tmp_path):
         assert scene.full
         scene.add_answers(2, 2, [], {})
     assert (tmp_path / 'scene.jsonl').read_text() == ''
+
+
+@pytest.mark.parametrize('conditioned', [False, True])
+@pytest.mark.parametrize('last', [0, 20])
+def test_statistic_that_stops_takes_no_picture_of_frames_and_other_chains(
+        tmp_path, last, conditioned):
+    count, cells = 3 * scene_writer.WAITING, FrameMap('camera', SHAPE[::-1], 1, (0, 0), (0.0, 0.0))
+    with closing(SceneWriter(
+            tmp_path, 1.0, conditioned=conditioned, statistics=['sdt', 'cdt'])) as scene:
+        for k in range(1, count + 1):
+            scene.add_frame(k, np.full(SHAPE, float(k)))
+            if conditioned:
+                scene.add_cells(k, np.full(SHAPE, -k), cells)
+            for name in ['sdt', 'cdt'] if k <= last else ['sdt']:
+                scene.add_statistic(name, k, np.full(SHAPE, k / 2))
+            scene.add_answers(k, k, [], {name: Answer([], []) for name in ('sdt', 'cdt')})
+    _, frames, planes, statistics = read_scene(tmp_path)
+    assert [frame[0, 0] for frame in frames] == list(range(1, count + 1))
+    assert [plane[0, 0] for plane in planes if plane is not None] == [
+        -k for k in range(1, count + 1) if conditioned]
+    assert [each['sdt'][0, 0] for each in statistics] == [k / 2 for k in range(1, count + 1)]
+    assert [k for k, each in enumerate(statistics, 1) if 'cdt' in each] == [*range(1, last + 1)]

@@ -58,7 +58,8 @@ BAD = [
     ({'seed': -1}, 'seed', '[0, inf)'),
     ({'false_alarm_prob': 1.0}, 'false_alarm_prob', '(0.0, 1.0)'),
     ({'condition': 'offf'}, 'condition', 'did you mean off?'),
-    ({'detector': 'hmm', 'settings': {'hmm.operating_point': 'adaptive'}}, 'HMM', 'matched')]
+    ({'detector': 'hmm', 'settings': {'hmm.operating_point': 'adaptive'}}, 'HMM', 'matched'),
+    ({'settings': {'all.statistic_map': True}}, 'settings', 'leave it out')]
 
 
 @pytest.mark.parametrize(('arguments', 'culprit', 'remedy'), BAD)

@@ -3,6 +3,8 @@
 
 from dataclasses import replace
 
+from lowsnr_common.core import compiled
+from lowsnr_sensor.conditioner_node import preload
 from lowsnr_sensor.conditioning import cells
 from lowsnr_sensor.conditioning import compiled_steps
 from lowsnr_sensor.conditioning import frame_change
@@ -199,3 +201,22 @@ def test_matched_filter_has_unit_noise_and_its_peak_at_the_object(binning, shift
     assert np.argmax(answer) == 12
     # No filter gains more than the energy of the point spread; bins cost up to 2 %.
     assert 0.97 < answer[12] / np.sqrt(np.sum(point**2)) < 1.0001
+
+
+def test_nothing_is_compiled_after_preload(monkeypatch, rng):
+    """Frames with stripes, a wide change, and pixels without a value, of a camera that moves."""
+    monkeypatch.setattr(compiled, '_DISPATCHERS', [])
+    compiled._machine_code.cache_clear()  # what other tests have compiled
+    preload()
+    before = compiled.variants()
+    assert before
+    conditioning, shape = ConditioningSettings(warm_up_frames=2), (64, 80)
+    state = conditioning.init(shape)
+    background = 40.0 * np.kron(rng.standard_normal((30, 20)), np.ones((4, 4)))
+    for k in range(40):
+        frame = single(background[k:k + 64] + 6.0 * rng.standard_normal(shape))
+        frame[:, ::5] += 15.0 * (k > 20)
+        frame[:, :40] += 30.0 * (k > 30)
+        frame[rng.random(shape) < 0.01 * (k > 10)] = np.nan
+        state, _ = conditioning.step(state, frame)
+    assert compiled.variants() == before

@@ -33,7 +33,9 @@ import numpy as np
 CONFIG = Path(__file__).resolve().parent / 'config'
 DEFAULT_FOR_CAMERAS, DEFAULT = 'auto', 'sdt'
 SENSOR, TRACKER, CONDITIONER, EVERY_PART = 'sensor', 'tracker', 'conditioner', 'all'
-_OF_THE_FRAMES = ('rows', 'cols', 'sensor.frame_period_s')
+_MAP = 'statistic_map'
+# Settings of a detector's node that are no settings here.
+_OF_THE_GRAPH = ('rows', 'cols', 'sensor.frame_period_s', _MAP)
 # The declarations of the settings that have arguments of their own.
 _DECLARED = {
     'snr_db': (SensorModel, 'snr_db'), 'period_s': (SensorModel, 'frame_period_s'),
@@ -75,7 +77,7 @@ class Chain:
         if self.conditioner is not None:
             parts.append((CONDITIONER, self.conditioner))
         return {f'{part}.{key}': value for part, own in parts
-                for key, value in flat_values(own).items() if key not in _OF_THE_FRAMES}
+                for key, value in flat_values(own).items() if key not in _OF_THE_GRAPH}
 
 
 def plan_chain(shape: tuple[int, int, int], conditioned: bool, options: Options) -> Chain:
@@ -134,6 +136,10 @@ def checked_settings(
             continue
         if str(key).endswith('sensor.frame_period_s'):
             raise ValueError(f'settings: {key!r} is that of the frames: pass period_s')
+        if str(key).endswith(f'.{_MAP}'):
+            raise ValueError(
+                f'settings: {key!r} has a node publish pictures, which are not returned here: '
+                'leave it out')
         near = [f'{EVERY_PART}.{key}'] if f'{EVERY_PART}.{key}' in allowed else (
             difflib.get_close_matches(str(key), allowed, n=1))
         hint = f'; did you mean {near[0]!r}?' if near else ''
@@ -178,7 +184,7 @@ def _allowed(name: str, conditioned: bool) -> list[str]:
     if conditioned:
         parts.append((CONDITIONER, ConditioningSettings))
     return [f'{part}.{key}' for own, cls in parts for part in (own, EVERY_PART)
-            for key in declared_settings(cls) if key not in _OF_THE_FRAMES]
+            for key in declared_settings(cls) if key not in _OF_THE_GRAPH]
 
 
 def _plain(value: Any) -> Any:

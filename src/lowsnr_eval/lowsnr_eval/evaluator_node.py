@@ -17,7 +17,6 @@ from lowsnr_common.ros import run_records
 from lowsnr_common.ros.bringup_line import LAST_FRAME
 from lowsnr_common.ros.frame_maps import FrameMaps
 from lowsnr_common.ros.images import image_to_array
-from lowsnr_common.ros.inputs import drain
 from lowsnr_common.ros.inputs import Input
 from lowsnr_common.ros.managed_node import ManagedNode
 from lowsnr_common.ros.node_main import run
@@ -168,7 +167,7 @@ class EvaluatorNode(ManagedNode):
     def _take_waiting(self) -> None:
         """Take what waits in the queues: a node that stood still misses none of it."""
         for each in self.inputs:
-            drain(each.subscription)
+            each.drain()
 
     def _on_restart(self, message: DiagnosticArray) -> None:
         """

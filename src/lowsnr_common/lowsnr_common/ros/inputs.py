@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from collections.abc import Iterator
+from itertools import islice
 import time
 from typing import Any
 
@@ -35,8 +36,13 @@ def take_waiting(subscription: Any) -> Iterator[Any]:
 
 
 def drain(subscription: Any) -> None:
-    """Pass all messages in the queue of a subscription to its callback; a spin takes one."""
-    for message in take_waiting(subscription):
+    """
+    Pass the messages in the queue of a subscription to its callback; a spin takes one.
+
+    It takes at most as many as the queue holds: where messages arrive faster than the callback
+    returns, the queue is never empty, and those that came meanwhile are left for later.
+    """
+    for message in islice(take_waiting(subscription), subscription.qos_profile.depth):
         subscription.callback(message)
 
 
@@ -75,7 +81,7 @@ class Input:
         self._node.destroy_subscription(self.subscription)
 
     def drain(self) -> None:
-        """Take all messages that wait."""
+        """Take the messages that wait."""
         drain(self.subscription)
 
     def begin(self) -> None:

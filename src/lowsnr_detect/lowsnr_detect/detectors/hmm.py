@@ -44,6 +44,8 @@ from lowsnr_common.core.bound_motion import Destinations
 from lowsnr_common.core.destination import Destination
 from lowsnr_common.core.likelihood import relative_likelihood
 from lowsnr_common.settings.declare import setting
+from lowsnr_detect.grid.bound_steps import bound_count
+from lowsnr_detect.grid.bound_steps import step_arrays
 from lowsnr_detect.grid.fixed_lag import LEAST_RATIO
 from lowsnr_detect.grid.grid_detector import GridDetector
 from lowsnr_detect.grid.grid_filter import as_plane
@@ -124,12 +126,12 @@ class HMM(GridDetector):
     @property
     def state_planes(self) -> int:
         """Return the number of histories of moves, and of what an object is bound for."""
-        return self.steps.model.history.size * self.steps.pairs.count
+        return self.steps.model.history.size * bound_count(self.destinations)
 
     @property
     def step_arrays(self) -> int:
         """Return how many arrays of all states a step makes."""
-        return self.steps.pairs.step_arrays
+        return step_arrays(self.destinations)
 
     def located(self, beliefs: tuple[Belief, ...]) -> tuple[np.ndarray, Posterior]:
         """Return log odds and posterior in the frame of the first belief, given all of them."""

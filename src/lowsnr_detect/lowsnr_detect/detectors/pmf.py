@@ -41,9 +41,11 @@ from typing import ClassVar
 from lowsnr_common.core.bound_motion import Destinations
 from lowsnr_common.core.likelihood import relative_likelihood
 from lowsnr_common.settings.declare import setting
+from lowsnr_detect.grid.bound_steps import bound_count
 from lowsnr_detect.grid.bound_steps import folded
 from lowsnr_detect.grid.bound_steps import pairs
 from lowsnr_detect.grid.bound_steps import StateGrid
+from lowsnr_detect.grid.bound_steps import step_arrays
 from lowsnr_detect.grid.bound_steps import Tilt
 from lowsnr_detect.grid.bound_steps import tilts
 from lowsnr_detect.grid.bound_steps import unfolded
@@ -139,12 +141,12 @@ class PMF(GridDetector):
     def state_planes(self) -> int:
         """Return the number of classes, points in a cell, and what an object is bound for."""
         classes = self.headings * self.speeds * self.motion.count
-        return self.resolution**2 * classes * pairs(self.destinations).count
+        return self.resolution**2 * classes * bound_count(self.destinations)
 
     @property
     def step_arrays(self) -> int:
         """Return how many arrays of all states a step makes."""
-        return pairs(self.destinations).step_arrays
+        return step_arrays(self.destinations)
 
     def filtered(self, last: Belief | None, frame: np.ndarray) -> Belief:
         """Predict, and weigh by the frame."""

@@ -66,16 +66,17 @@ class Pairs:
         prob = self.prob[:self.ahead(frame)]
         return np.concatenate([[1.0 - prob.sum()], prob])
 
-    @property
-    def count(self) -> int:
-        """Return what an object may be bound for: none, or one of the pairs."""
-        return 1 + len(self.prob)
 
-    @property
-    def step_arrays(self) -> int:
-        """Return how many arrays of all states a step makes."""
-        # With pairs the factors too, in the frame and beyond it, and the mass divided by them.
-        return 7 if self.count > 1 else 2
+def bound_count(destinations: Destinations) -> int:
+    """Return what an object may be bound for: none, or one of the pairs, which are not made."""
+    return 1 + sum(
+        place.latest_frame - place.earliest_frame + 1 for place in destinations.densities)
+
+
+def step_arrays(destinations: Destinations) -> int:
+    """Return how many arrays of all states a step makes."""
+    # With pairs the factors too, in the frame and beyond it, and the mass divided by them.
+    return 7 if destinations.densities else 2
 
 
 @functools.lru_cache(maxsize=16)

@@ -134,7 +134,9 @@ class Detector(Protocol):
         Returns
         -------
         (..., rows, cols) ndarray
-            Log ratio [nat], above 0 what is declared; -inf where there is no statistic.
+            Log ratio [nat], -inf where there is no statistic.  Where the statistic is one of
+            cells, what is above 0 is declared; a filter of one object compares the sum of the
+            odds over the cells, so that it may declare one with no cell above 0.
 
         """
         ...

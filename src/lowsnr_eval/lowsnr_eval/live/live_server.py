@@ -57,7 +57,7 @@ class LiveServer:
         self._page = page
         self._browsers: set[_Frames] = set()
         self._newest: deque[str] = deque(maxlen=KEPT)
-        self._history: deque[str] = deque(maxlen=_MOST_FRAMES)
+        self._history = _History()
         self._loop = asyncio.new_event_loop()
         self._stop = asyncio.Event()
         self._thread = Thread(target=self._run, name='live page', daemon=True)
@@ -100,12 +100,32 @@ class LiveServer:
 
     def _share(self) -> None:
         while self._newest:
-            text = self._newest.popleft()
-            self._history.append(text)
-            while sum(map(len, self._history)) > _MOST_LETTERS:
-                self._history.popleft()
-            for each in self._browsers:
-                each.offer(text)
+            self._history.append(self._newest.popleft())
+        for each in self._browsers:
+            each.wake()
+
+
+class _History:
+    """The texts that browsers were sent, by their numbers from 0 on; the last of them are kept."""
+
+    def __init__(self) -> None:
+        self._texts: deque[str] = deque(maxlen=_MOST_FRAMES)
+        self.end = 0
+
+    @property
+    def start(self) -> int:
+        """Return the number of the oldest text that is kept."""
+        return self.end - len(self._texts)
+
+    def append(self, text: str) -> None:
+        """Add a text; drop the oldest ones beyond the bounds."""
+        self._texts.append(text)
+        self.end += 1
+        while len(self._texts) > 1 and sum(map(len, self._texts)) > _MOST_LETTERS:
+            self._texts.popleft()
+
+    def __getitem__(self, number: int) -> str:
+        return self._texts[number - self.start]
 
 
 class _OwnHandler(RequestHandler):
@@ -144,10 +164,10 @@ class _Page(_OwnHandler):
 class _Frames(_OwnHandler, WebSocketHandler):
     """The frames that one browser is sent."""
 
-    def initialize(self, all_: set[_Frames], first: str, history: deque[str]) -> None:
-        self._all, self._before = all_, (first, *history)
-        self._waiting: deque[str] = deque(maxlen=KEPT)
-        self._offered = asyncio.Event()
+    def initialize(self, all_: set[_Frames], first: str, history: _History) -> None:
+        self._all, self._first, self._history = all_, first, history
+        self._next = 0  # number of the text that is sent next
+        self._news = asyncio.Event()
         self._sender: asyncio.Task[None] | None = None
 
     def prepare(self) -> None:
@@ -170,17 +190,32 @@ class _Frames(_OwnHandler, WebSocketHandler):
         if self._sender:
             self._sender.cancel()
 
-    def offer(self, text: str) -> None:
-        """Send a text when the browser takes it, unless newer ones displace it before."""
-        self._waiting.append(text)
-        self._offered.set()
+    def wake(self) -> None:
+        """Send what is new when the browser takes it."""
+        self._news.set()
 
     async def _send(self) -> None:
         with suppress(WebSocketClosedError):
-            for text in self._before:
-                await self.write_message(text)
+            await self.write_message(self._first)
+            await self._catch_up()
             while True:
-                await self._offered.wait()
-                self._offered.clear()
-                while self._waiting:
-                    await self.write_message(self._waiting.popleft())
+                await self._news.wait()
+                self._news.clear()
+                while self._next < self._history.end:
+                    await self._send_next(self._history.end - KEPT)
+
+    async def _catch_up(self) -> None:
+        """Send what there was before and what comes meanwhile, while that becomes less."""
+        behind = self._history.end - self._history.start
+        before = behind + 1
+        while behind < before:
+            before, end = behind, self._history.end
+            while self._next < end:
+                await self._send_next(0)
+            behind = self._history.end - self._next
+
+    async def _send_next(self, least: int) -> None:
+        """Send the next text that is kept, of a number that is not below the least."""
+        number = max(self._next, self._history.start, least)
+        self._next = number + 1
+        await self.write_message(self._history[number])

@@ -106,7 +106,9 @@ class SceneWriter:
         pixels = reduced(plane, step).astype('<f4')
         kept[stamp] = {'shape': list(pixels.shape), **place}, pixels
         if len(kept) > self._most_waiting:
-            del kept[min(kept)]
+            oldest = min(kept)
+            self._write(self._most_waiting, oldest)
+            kept.pop(oldest, None)
         self._write(self._most_waiting)
 
     def add_answers(
@@ -140,13 +142,17 @@ class SceneWriter:
         self._lines.close()
         self._pixels.close()
 
-    def _write(self, most_waiting: int) -> None:
-        """Write what is complete, and the oldest answers where more than this many wait."""
+    def _write(self, most_waiting: int, until: int = -1) -> None:
+        """
+        Write what is complete, and the oldest answers where more than this many wait.
+
+        Answers up to the stamp ``until`` are written with the planes that there are.
+        """
         while self._answers and not self.full:
             stamp, line = self._answers[0]
             # Frames arrive in order: none arrives after a later one.
             newest = min(max(kept, default=-1) for kept in self._awaited)
-            if newest < stamp and len(self._answers) <= most_waiting:
+            if newest < stamp and stamp > until and len(self._answers) <= most_waiting:
                 return
             self._answers.popleft()
             found = [self._frames.pop(stamp, None), self._cells.pop(stamp, None)]

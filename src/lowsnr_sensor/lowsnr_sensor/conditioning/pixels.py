@@ -82,8 +82,9 @@ class Change:
 
     def stripes(self, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
         """Return the offset of each row and each column of a frame (rows, cols)."""
+        # Copies, because to Numba a view that cannot be written is of another type.
         rows, cols = (
-            np.ascontiguousarray(np.broadcast_to(offsets, size))
+            np.array(np.broadcast_to(offsets, size))
             for offsets, size in zip((self.rows, self.cols), shape))
         return rows, cols
 
