@@ -3,7 +3,7 @@
 
 from pathlib import Path
 
-from lowsnr_bringup.plan.graph import to_yaml
+from lowsnr_bringup.plan.config_files import to_yaml
 from lowsnr_bringup.plan.run_options import RunOptions
 from lowsnr_bringup.plan.run_plan import plan_run
 import pytest
