@@ -6,17 +6,10 @@ import os
 import signal
 import subprocess
 import sys
-import time
 
-from diagnostic_msgs.msg import DiagnosticArray
 from graph_runs import own_domain
 from graph_runs import ROOT
-from lowsnr_common.ros.qos import reliable
-from lowsnr_common.ros.run_records import ChainCounts
-from lowsnr_common.ros.run_records import FrameScored
-from lowsnr_common.ros.run_records import SCORED
 import pytest
-from ros_nodes import spun_node
 from run_checks import PATIENT
 
 SPLIT_RUN = ROOT / 'test' / 'support' / 'split_run.py'
@@ -113,20 +106,6 @@ def test_part_of_other_options_starts_nothing_and_the_part_that_waits_waits_on(b
     code, _, err = detector.finish()
     assert code == 0, err
     assert most.summary()['frames']['scored'] == 60
-
-
-def test_part_hears_of_scored_frames_before_it_starts_anything(bringup):
-    run = bringup(*LOCKSTEP, '--only', 'sdt', '--expect', *MOST, '--expect-within', '3')
-    with spun_node('stranger') as (node, _):
-        scored = node.create_publisher(DiagnosticArray, SCORED, reliable(1000))
-        while run.process.poll() is None:
-            scored.publish(FrameScored(10**9, 1, (ChainCounts('sdt', 1, 1),)).to_message())
-            time.sleep(0.01)
-    code, _, err = run.finish()
-    assert code == 1
-    assert 'sdt_detector' not in err
-    assert '--expect-within' in err
-    assert 'Traceback' not in err
 
 
 def test_part_that_does_not_come_is_named(bringup):
