@@ -9,6 +9,8 @@ import socket
 
 def set_environment(options: argparse.Namespace) -> None:
     """Set the ROS domain and how far it reaches, here and for all nodes."""
+    if options.peers:
+        os.environ.pop('ROS_LOCALHOST_ONLY', None)  # the older variable would take precedence
     if options.peers == ['subnet']:
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SUBNET'
     elif options.peers:
@@ -23,6 +25,8 @@ def set_environment(options: argparse.Namespace) -> None:
 def opened(peers: list[str]) -> list[str]:
     """Return a line that says to whom an option opens discovery; ValueError for no host."""
     for name in peers if peers != ['subnet'] else ():
+        if name in ('', 'subnet'):
+            raise ValueError(f'--peers: {name!r} is no host: name hosts, or subnet alone')
         try:
             socket.gethostbyname(name)
         except OSError as error:

@@ -155,7 +155,7 @@ def test_nodes_of_another_part_are_waited_for_in_the_order_of_the_run():
     graph = Graph()
     expected = frozenset(NODES[2:5])
     reported = dict.fromkeys(expected, 'away')
-    graph.parts = SimpleNamespace(state=reported.get, conflict=lambda: '')
+    graph.parts = SimpleNamespace(state=reported.get)
     graph.start = GraphStart(graph, graph, Part(tuple(NODES), expected), 100.0,
                              lambda: graph.now_s)
     graph.state |= dict.fromkeys(expected, 1)
@@ -170,12 +170,42 @@ def test_nodes_of_another_part_are_waited_for_in_the_order_of_the_run():
     assert set(graph.state.values()) == {2}
 
 
-@pytest.mark.parametrize(('state', 'conflict', 'words'), [
-    ('elsewhere', '', '--expect-within'), ('active', 'other options', 'other options')])
-def test_part_that_does_not_come_or_fit_ends_the_start(state, conflict, words):
+def test_part_that_does_not_come_ends_the_start():
     graph = Graph()
-    graph.parts = SimpleNamespace(state=lambda _: state, conflict=lambda: conflict)
+    graph.parts = SimpleNamespace(state=lambda _: 'elsewhere')
     graph.start = GraphStart(graph, graph, Part(tuple(NODES), frozenset(NODES[:1])), 20.0,
                              lambda: graph.now_s)
-    with pytest.raises(GraphFailure, match=words):
+    with pytest.raises(GraphFailure, match='--expect-within'):
         graph.run(50)
+
+
+@pytest.mark.parametrize('late_s', [3.0, 10.0])
+def test_start_of_a_part_ends_when_the_run_turns_out_to_be_under_way(late_s):
+    graph, expected = Graph(), frozenset(NODES[:1])
+    graph.parts = SimpleNamespace(state=lambda _: 'configured', running=False)
+    graph.start = GraphStart(
+        graph, graph, Part(tuple(NODES), expected), 100.0, lambda: graph.now_s)
+
+    def spin(_):
+        graph.now_s += 1.0
+        graph.parts.running = graph.now_s > late_s
+    graph.spin = spin
+    assert graph.start.run() is False
+
+
+def test_start_goes_on_where_another_part_has_seen_all_nodes_become_active_first():
+    graph, expected = Graph(), frozenset(NODES[:1])
+    reported = ['active']
+    graph.parts = SimpleNamespace(state=lambda _: reported[0], running=False)
+    graph.start = GraphStart(
+        graph, graph, Part(tuple(NODES), expected), 100.0, lambda: graph.now_s)
+    graph.state |= dict.fromkeys(expected, 2)
+
+    def spin(_):
+        graph.now_s += 1.0
+        if all(graph.state[node] == 2 for node in NODES):
+            graph.parts.running, reported[0] = True, 'active'
+        elif graph.now_s > 3.0:
+            reported[0] = 'active'
+    graph.spin = spin
+    assert graph.start.run() is True

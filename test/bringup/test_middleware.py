@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The profile of the middleware: its transport, its reach, and that a user's own comes first."""
 
+from argparse import Namespace
+import os
 import xml.etree.ElementTree as ElementTree
 
+from _network import set_environment
 from lowsnr_bringup.run.middleware import middleware_environment
 from lowsnr_bringup.run.middleware import PROFILE_FILE
 import pytest
@@ -56,6 +59,18 @@ def test_sockets_and_peers_follow_the_discovery_range(tmp_path, environment, soc
     # ROS adds shared memory where it limits the range itself.
     assert added.get(RANGE) == ('SYSTEM_DEFAULT' if peers else None)
     assert added.get('ROS_LOCALHOST_ONLY', '') == ''
+
+
+def test_peers_of_the_command_line_are_reached_whatever_the_older_variable_says(
+        tmp_path, monkeypatch):
+    for name in (RANGE, 'ROS_STATIC_PEERS'):
+        monkeypatch.setenv(name, '')
+    monkeypatch.setenv('ROS_LOCALHOST_ONLY', '1')
+    set_environment(Namespace(peers=['127.0.0.2'], domain_id=None))
+    kept = {name: os.environ.get(name, '') for name in (
+        RANGE, 'ROS_STATIC_PEERS', 'ROS_LOCALHOST_ONLY')}
+    root, _ = profile(tmp_path, **kept)
+    assert texts(root, 'initialPeersList/locator/udpv4/address') == ['127.0.0.1', '127.0.0.2']
 
 
 def test_peer_without_an_address_is_named(tmp_path):

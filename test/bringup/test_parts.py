@@ -62,3 +62,15 @@ def test_digest_changes_with_what_all_parts_share_and_with_nothing_of_one_host()
     assert digest() == digest(bag='/b', results='/s', page_port=3)
     assert digest() != digest(seed=1)
     assert Part(()).evaluates
+
+
+def test_digest_depends_on_name_and_content_of_a_scenario_and_not_on_its_folder(tmp_path):
+    def digest(folder, content, name='s'):
+        path = tmp_path / folder / 'file.yaml'
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(content)
+        return part_of(ONE, {'/evaluator': {'scenario': name}, '/sensor': {'scenario': str(path)}},
+                       [], ['sdt']).options
+    assert digest('a', 'rows: 20') == digest('b', 'rows: 20')
+    assert len({digest('a', content, name) for content, name in (
+        ('rows: 20', 's'), ('rows: 21', 's'), ('rows: 20', 't'))}) == 3

@@ -207,6 +207,17 @@ def test_frames_that_were_dropped_within_the_table_are_lost():
     assert (ledger.published, ledger.unseen, ledger.lost) == (5, 0, 2)
 
 
+@pytest.mark.parametrize(('scored', 'total', 'unseen'), [(1, 1, 0), (2, 3, 1), (3, 2, 0)])
+def test_frames_that_were_scored_and_whose_publication_was_not_heard_are_not_unseen(
+        scored, total, unseen):
+    ledger = FrameLedger()
+    for k in range(1, scored + 1):
+        ledger.score(k, k)
+    ledger.publish_unheard(total)
+    ledger.close(scored, scored)
+    assert (ledger.published, ledger.unseen, ledger.lost) == (total, unseen, 0)
+
+
 def test_an_old_summary_is_read():
     assert missing_frames({'published': 5, 'scored': 4, 'unanswered': 1, 'unseen': 0}) == []
 

@@ -99,11 +99,39 @@ def test_run_is_over_when_the_evaluators_part_ends_but_not_by_the_end_of_an_earl
 
 @pytest.mark.parametrize(('change', 'words'), [
     ({}, ''), ({'options': 'f00'}, 'other options'),
-    ({'nodes': {'/sdt_detector': NodeReport(ACTIVE)}}, '/sdt_detector runs here and')])
-def test_part_that_is_not_of_this_run_is_a_conflict(rest, change, words):
+    ({'nodes': {'/sdt_detector': NodeReport(ACTIVE)}}, '/sdt_detector runs in two parts')])
+def test_part_that_is_not_of_this_run_is_refused_at_the_start_and_named_once(
+        rest, capsys, change, words):
     rest.hear(replace(REPORT, **change).to_message())
-    assert words in rest.conflict()
-    assert bool(words) == bool(rest.conflict())
+    fault = rest.wait_for_reports(lambda: rest.pass_s(2.0))
+    assert words in fault
+    assert bool(words) == bool(fault)
+    assert rest.running == (not words)
+    for _ in range(3):
+        rest.watch()
+    assert capsys.readouterr().err.count('does not heed') == bool(words)
+
+
+def test_part_that_is_refused_changes_nothing_of_a_run(rest):
+    rest.hear(REPORT.to_message())
+    for change in ({'options': 'f00'}, {'part': '/bringup_tracker'},
+                   {'nodes': {'/evaluator': NodeReport(ACTIVE),
+                              '/sdt_detector': NodeReport(ACTIVE)}}):
+        wrong = replace(REPORT, stage=STARTING, published=99, newest_ns=9 * 10**9, **change)
+        for stage in (STARTING, ENDED):
+            rest.hear(replace(wrong, stage=stage).to_message())
+    assert (rest.running, rest.over, rest.published) == (True, False, 7)
+    assert rest.newest_ns == 3 * 10**9
+    assert rest.state(SENSOR) == ACTIVE
+
+
+def test_nodes_of_a_part_that_is_away_may_come_in_another_part(rest):
+    rest.hear(REPORT.to_message())
+    rest.pass_s(AWAY_AFTER_S + 0.1)
+    assert not rest.running
+    rest.hear(replace(REPORT, part='/bringup_tracker').to_message())
+    assert rest.running
+    assert rest.state(SENSOR) == ACTIVE
 
 
 def test_parts_hear_each_other_whoever_comes_first(rest):

@@ -124,6 +124,14 @@ class GraphRun:
         return [(module, pid) for module, pid in node_processes(self.results)
                 if pid != self.process.pid]
 
+    def wait_for_nodes(self, count: int, within_s: float = _ROWS_WITHIN_S) -> None:
+        """Wait until this many nodes run."""
+        until = time.monotonic() + within_s
+        while len(self.processes()) < count:
+            assert self.process.poll() is None, self.finish()
+            assert time.monotonic() < until, f'{self.processes()} after {within_s} s'
+            time.sleep(0.02)
+
     def restarts(self) -> list[dict[str, str]]:
         """Return the rows of ``restarts.csv``."""
         path = self.results / 'restarts.csv'

@@ -71,6 +71,8 @@ BAD_OPTIONS = [
     (['--expect', 'evaluator', 'tracker', 'sdt', 'sensor'], ['--expect', 'here']),
     (['--expect-within', '0'], ['--expect-within', "'0'"]),
     (['--peers', 'no.such.host.invalid'], ['no.such.host.invalid', 'no address']),
+    (['--peers', ''], ['--peers', "''", 'subnet']),
+    (['--peers', 'subnet', '127.0.0.1'], ['--peers', 'subnet alone']),
     (['--domain-id', 'x'], ['--domain-id', "'x'"]),
     (['--domain-id', '233'], ["'233'", '[0, 232]']),
 ]

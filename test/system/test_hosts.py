@@ -10,6 +10,7 @@ import sys
 from graph_runs import own_domain
 from graph_runs import ROOT
 import pytest
+from run_checks import PATIENT
 
 SPLIT_RUN = ROOT / 'test' / 'support' / 'split_run.py'
 NEW_NETWORK = ['unshare', '--map-root-user', '--net']
@@ -51,6 +52,20 @@ def test_evaluator_apart_from_the_source_accounts_for_every_frame(bringup):
         'expected': 60, 'published': 60, 'scored': 60, 'unanswered': 0, 'unseen': 0, 'lost': 0}
 
 
+def test_composed_chains_that_are_divided_give_the_bytes_of_the_whole_run(bringup):
+    options = (*LOCKSTEP, '--detector', 'cdt', 'hmm', '--composed')
+    theirs = ('cdt.tracker', 'cdt', 'hmm')
+    rest = ('evaluator', 'hmm.tracker', 'sensor')
+    some = bringup(*options, '--only', *theirs, '--expect', *rest, results='some')
+    most = bringup(*options, '--expect', *theirs, results='most')
+    for run in (most, some):
+        code, _, err = run.finish()
+        assert code == 0, err
+    whole = bringup(*options, results='whole')
+    assert whole.finish()[0] == 0
+    assert tables(most) == tables(whole)
+
+
 def test_part_that_is_interrupted_ends_with_0_and_one_that_comes_back_joins(bringup):
     first = bringup(*PACED, '--only', 'sdt', '--expect', *MOST, results='first')
     most = bringup(*PACED, '--expect', 'sdt', results='most')
@@ -77,14 +92,20 @@ def test_evaluator_that_is_interrupted_saves_its_scores_and_ends_the_other_parts
     assert most.summary()['frames']['scored'] >= 20
 
 
-def test_part_of_other_options_starts_nothing(bringup):
+@pytest.mark.parametrize('wrong', [('--seed', '1'), ('--scenario', 'empty')])
+def test_part_of_other_options_starts_nothing_and_the_part_that_waits_waits_on(bringup, wrong):
     detector = bringup(*LOCKSTEP, '--only', 'sdt', '--expect', *MOST, results='detector')
-    most = bringup(*LOCKSTEP, '--seed', '1', '--expect', 'sdt', results='most')
-    for run in (detector, most):
-        code, _, err = run.finish()
-        assert code == 1
-        assert 'other options' in err
+    detector.wait_for_nodes(1)
+    most = bringup(*LOCKSTEP, *wrong, '--expect', 'sdt', results='wrong')
+    code, _, err = most.finish()
+    assert code == 1
+    assert 'other options' in err
     assert not most.rows()
+    most = bringup(*LOCKSTEP, '--expect', 'sdt', results='most')
+    assert most.finish()[0] == 0
+    code, _, err = detector.finish()
+    assert code == 0, err
+    assert most.summary()['frames']['scored'] == 60
 
 
 def test_part_that_does_not_come_is_named(bringup):
@@ -104,9 +125,10 @@ def split(tmp_path, require_program):
     plain = {key: value for key, value in os.environ.items() if key not in (
         'ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_STATIC_PEERS', 'ROS_LOCALHOST_ONLY')}
 
-    def run(event):
+    def run(event, *options):
         done = subprocess.run(
-            [*NEW_NETWORK, sys.executable, str(SPLIT_RUN), str(tmp_path), event, *PACED],
+            [*NEW_NETWORK, sys.executable, str(SPLIT_RUN), str(tmp_path), event, *PACED,
+             *options],
             env=plain | {'ROS_DOMAIN_ID': str(own_domain()),
                          'PYTHONPATH': os.pathsep.join(sys.path)},
             capture_output=True, text=True, timeout=900.0, check=False)
@@ -123,7 +145,7 @@ def split(tmp_path, require_program):
 @pytest.mark.slow
 @pytest.mark.parametrize('event', ['unplugged', 'clocks', 'lossy'])
 def test_hosts_lose_no_frame_by_a_short_outage_wrong_clocks_or_lost_packets(split, event):
-    found = split(event)
+    found = split(event, *PATIENT)
     assert found['frames']['scored'] == FRAMES
     assert found['restarts'] == {}
 
@@ -134,5 +156,5 @@ def test_host_that_is_killed_comes_back_and_only_its_outage_lacks_answers(split)
     assert found['restarts'] == {'sdt_detector': 1}
     assert len(lacking) == found['frames']['unanswered'] > 0
     assert lacking == list(range(lacking[0], lacking[-1] + 1))  # the outage, and no other frame
-    # What came in a second before its announcement may still have been lost.
+    # What came in the second after the evaluator's part knew of it may still be lost.
     assert len(lacking) <= RATE_HZ * (found['away_s'] + 1.0)

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
 import hashlib
+from pathlib import Path
 
 from lowsnr_bringup.plan.config_files import to_yaml
 from lowsnr_bringup.plan.graph import MANAGER
@@ -18,7 +19,7 @@ from lowsnr_common.settings.text import did_you_mean
 from lowsnr_common.settings.text import one_line
 
 # Parameters that may differ from host to host: paths, and how a live page is shown.
-_OF_A_HOST = ('scenario', 'bag', 'truth_bag', 'results', 'run_parameters', 'page_port', 'browser')
+_OF_A_HOST = ('bag', 'truth_bag', 'results', 'run_parameters', 'page_port', 'browser')
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,8 @@ def part_of(
     ValueError
         One line, if a name is unknown, a node is in both lists or in neither, or no node is left
         for this host.
+    OSError
+        If the file of the scenario cannot be read.
 
     """
     expected = _named('--expect', expect, nodes)
@@ -116,7 +119,15 @@ def _labels(nodes: Iterable[Node]) -> str:
 
 
 def _digest(parameters: Mapping[str, Values]) -> str:
-    """Return a digest of the parameters that all parts must have in common."""
+    """
+    Return a digest of the parameters that all parts must have in common.
+
+    The path of a scenario may differ and its content may not.  Of a bag, only the source reads
+    more than what other parameters hold: name, size and number of frames.
+    """
     common = {path: {key: value for key, value in values.items() if key not in _OF_A_HOST}
               for path, values in parameters.items()}
+    if scenario := common.get('/sensor', {}).get('scenario'):
+        content = Path(scenario).read_bytes()
+        common['/sensor']['scenario'] = hashlib.sha256(content).hexdigest()
     return hashlib.sha256(to_yaml(common).encode()).hexdigest()[:16]

@@ -81,19 +81,26 @@ class GraphStart:
         self._waited_for: list[str] = []
         self._since_s, self._name_after_s = clock(), _NAME_AFTER_S
 
-    def run(self) -> None:
+    def run(self) -> bool:
         """
-        Wait until all nodes are active.
+        Wait until all nodes are active; return False if the run is under way without this part.
+
+        The bring-up of a run that is under way may be heard late.  It is the run of this start if
+        it waited for all nodes of this part to become active.
 
         Raises
         ------
         GraphFailure
             If a node rejects a transition or does not make it in time, or another part does not
-            come in time or is not one of this run.
+            come in time.
 
         """
         while not self.step():
+            if self._manager.parts.running and not all(
+                    ascent.active for ascent in self._ascents.values() if ascent.member):
+                return False
             self._manager.spin(0.02)
+        return True
 
     def step(self) -> bool:
         """Ask the nodes for what they can do next; return whether all are active."""
@@ -116,8 +123,6 @@ class GraphStart:
         configured = state in (CONFIGURED, ACTIVE, DONE)
         self._replaced |= ascent.configured and not configured
         ascent.configured, ascent.active = configured, state in (ACTIVE, DONE)
-        if conflict := self._manager.parts.conflict():
-            raise GraphFailure(conflict)
         if state == ELSEWHERE and self._clock() > self._expect_until_s:
             missing = ', '.join(
                 node.label for node in self._ascents if node in self._expected

@@ -21,6 +21,7 @@ from lowsnr_bringup.ros.heard.other_parts import OtherParts
 from lowsnr_bringup.ros.heard.part_report import ACTIVE
 from lowsnr_bringup.ros.heard.part_report import AWAY
 from lowsnr_bringup.ros.heard.part_report import ELSEWHERE
+from lowsnr_bringup.ros.heard.part_report import ENDED
 from lowsnr_bringup.ros.heard.part_report import NodeReport
 from lowsnr_bringup.ros.heard.part_report import PartReport
 from lowsnr_bringup.ros.heard.part_report import PARTS
@@ -96,15 +97,17 @@ class Manager:
             STATUS: (DiagnosticArray, self.reports.take),
             PARAMETERS: (ParameterEvent, self._on_parameters),
             ALARM_RATE: (DiagnosticArray, self._on_alarm_rate),
-            LIVE_PAGE: (String, lambda page: notify(f'live page: {page.data}')),
-            RESTARTS: (DiagnosticArray, self._on_restart_elsewhere)}
+            LIVE_PAGE: (String, lambda page: notify(f'live page: {page.data}'))}
         self._pending: dict[Line, PendingTransition] = {}
         self._within = ExitStack()
         self._node = self._within.enter_context(bringup_node(part.manager))
         self.guard = DomainGuard(self._node, (node.path for node in part.own))
         self._restarts = self._node.create_publisher(DiagnosticArray, RESTARTS, reliable(100))
         self.parts = OtherParts(self._node, part)
-        self._handlers[PARTS] = DiagnosticArray, self.parts.hear
+        self._topics: dict[str, Callable[[Any], None]] = {
+            PARTS: self.parts.hear, RESTARTS: self._on_restart_elsewhere,
+            ALARM_RATE: self._on_alarm_rate_elsewhere,
+            SCORED: self.frames.score, DATA_TIME: self.frames.publish}
         self.stage, self.states = STARTING, {node.path: AWAY for node in part.own}
         self.restarted: Counter[str] = Counter()
         self.alarm_rates: dict[str, AlarmRate] = {}  # the newest, by the name of the node
@@ -113,8 +116,9 @@ class Manager:
         self._changed: dict[str, dict[str, Any]] = {}  # parameters set while it ran, by node
 
     def close(self) -> None:
-        """Leave ROS, once the other parts know the state of this one."""
-        self.report_part()
+        """Leave ROS, once the other parts know the end of this one, if it was one of the run."""
+        if self.stage == ENDED:
+            self.report_part()
         self.parts.leave()
         self._within.close()
 
@@ -173,21 +177,22 @@ class Manager:
     def _take(self, within_s: float = 0.0) -> None:
         """Wait for what the nodes say, for at most so long [s], and take it."""
         for subject, message in self.parts.take():
-            self._handle(subject, message)
+            self._handle(subject, self._topics[subject], message)
         for line, subject, data in self._group.lines.heard(within_s):
             if subject == CHANGE_STATE:
                 if pending := self._pending.pop(line, None):
                     pending.answer(deserialize_message(data, TransitionEvent))
             else:
-                message = deserialize_message(data, self._handlers[subject][0])
-                self._handle(subject, message)
+                kind, handler = self._handlers[subject]
+                message = deserialize_message(data, kind)
+                self._handle(subject, handler, message)
                 if subject == ALARM_RATE:
                     self.parts.publish(subject, message)
 
-    def _handle(self, subject: str, message: Any) -> None:
+    def _handle(self, subject: str, handler: Callable[[Any], None], message: Any) -> None:
         """Use a message; count an unsound record, and name the first of each reason."""
         try:
-            self._handlers[subject][1](message)
+            handler(message)
         except Malformed as error:
             self.rejected[error.reason] += 1
             if self.rejected[error.reason] == 1:
@@ -233,6 +238,11 @@ class Manager:
         path, rate = rate_from_message(message)
         self.alarm_rates[path.rpartition('/')[2]] = rate
         self._tell(ALARM_RATE, message)
+
+    def _on_alarm_rate_elsewhere(self, message: DiagnosticArray) -> None:
+        """Take the rate of a detector of another part; the own ones tell it over their lines."""
+        if self.parts.is_expected(rate_from_message(message)[0]):
+            self._on_alarm_rate(message)
 
     def _on_parameters(self, event: ParameterEvent) -> None:
         if event.node in self._labels:

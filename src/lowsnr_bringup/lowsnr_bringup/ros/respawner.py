@@ -115,7 +115,13 @@ class Respawner:
         return set(self._cases)
 
     def join(self, nodes: Iterable[Node]) -> None:
-        """Schedule the start of nodes of a graph that runs on other hosts already."""
+        """
+        Schedule the start of nodes of a graph that runs on other hosts already.
+
+        Processes that they have had for a start in order are ended.
+        """
+        self.group.stop(self.manager.catch_up)
+        self.group.members = []
         self.autostart, now_s = True, time.monotonic()
         for node in nodes:
             known = self.manager.restarted[node.label] = self.manager.parts.restarts(node.path)

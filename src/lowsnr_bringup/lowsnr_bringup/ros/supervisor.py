@@ -107,9 +107,11 @@ class Supervisor:
             If nodes of another run answer on the domain; this run has changed none of them.
 
         """
-        with ProcessGroup(
-                self._folder / 'log', self._environment, self._server,
-                self._claim) as self._group, \
+        with tqdm(desc='starting', total=self._frames, unit=' frames',
+                  disable=None) as self._bar, \
+                ProcessGroup(
+                    self._folder / 'log', self._environment, self._server,
+                    self._claim) as self._group, \
                 closing(Manager(
                     self._group, self._part, self._check, self._on_scored)) as self._manager:
             if self._server is not None:
@@ -127,32 +129,31 @@ class Supervisor:
             return self._run_processes()
 
     def _run_processes(self) -> tuple[int, str]:
-        with tqdm(desc='starting', total=self._frames, unit=' frames', disable=None) as self._bar:
-            self._respawner = Respawner(
-                self._group, self._manager, self._folder, start_files(self._folder))
-            try:
-                with suppress(RunOver):
-                    self._follow()
-                self._end(_END_WITHIN_S)
-                lacking = [death for node, death in self._missed.items() if node.needed]
-                return (FAILED, lacking[0]) if lacking else (DONE, '')
-            except (GraphFailure, Interrupted) as error:
-                self._end(_FLUSH_WITHIN_S)
-                if isinstance(error, GraphFailure):
-                    return (FAILED, str(error))  # below: another part has the results
-                return (INTERRUPTED, 'interrupted') if self._part.evaluates else (DONE, '')
-            finally:
-                self._group.stop(self._manager.catch_up)
-                self._manager.catch_up()  # what they said at last belongs to the account
-                self._watch_nodes()
-                self.account = self._manager.account()
+        self._respawner = Respawner(
+            self._group, self._manager, self._folder, start_files(self._folder))
+        try:
+            with suppress(RunOver):
+                self._follow()
+            self._end(_END_WITHIN_S)
+            lacking = [death for node, death in self._missed.items() if node.needed]
+            return (FAILED, lacking[0]) if lacking else (DONE, '')
+        except (GraphFailure, Interrupted) as error:
+            self._end(_FLUSH_WITHIN_S)
+            if isinstance(error, GraphFailure):
+                return (FAILED, str(error))
+            # A part without the evaluator has no results that could lack something.
+            return (INTERRUPTED, 'interrupted') if self._part.evaluates else (DONE, '')
+        finally:
+            self._group.stop(self._manager.catch_up)
+            self._manager.catch_up()  # what they said at last belongs to the account
+            self._watch_nodes()
+            self.account = self._manager.account()
 
     def _follow(self) -> None:
         """Start the graph, and wait until the source is done and its frames are scored."""
-        if self._joins:
+        if self._joins or not GraphStart(
+                self._manager, self._group, self._part, self._expect_within_s).run():
             self._respawner.join(self._nodes)
-        else:
-            GraphStart(self._manager, self._group, self._part, self._expect_within_s).run()
         self._respawner.autostart, self._manager.stage = True, RUNNING
         self._bar.unpause()  # the rate is that of the frames, not of the start
         self._bar.set_description('running')

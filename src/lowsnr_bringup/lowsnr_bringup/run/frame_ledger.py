@@ -56,6 +56,9 @@ class FrameLedger:
         """Count the frames that are missing of a total published: their stamps were not heard."""
         unheard = max(0, total - self.published) if self._told else 0
         self.published += unheard
+        for stamp in sorted(self._early)[:unheard]:  # announced: these have been seen
+            self._early.remove(stamp)
+            unheard -= 1
         self.unseen += unheard
 
     def score(self, stamp: int, number: int) -> None:

@@ -22,7 +22,7 @@ from lowsnr_common.core.records import Malformed
 from lowsnr_common.ros.messages import stamp_key
 
 SCORED, RESTARTS = 'scored', 'restarts'
-ALARM_RATE = 'alarm_rate'  # only over the line to bring-up
+ALARM_RATE = 'alarm_rate'  # over the line to bring-up, and between parts of a run
 _MOST_CHAINS, _LONGEST_NAME = 1000, 255
 _LONGEST_START_S = 3600.0
 _NANO = 1_000_000_000

@@ -73,7 +73,8 @@ class OtherParts:
         self._expected = {each.path for each in part.expected}
         self._name = node.get_fully_qualified_name()
         self._heard: dict[str, tuple[PartReport, float]] = {}
-        self._named_away: set[str] = set()
+        self._refused: dict[str, str] = {}  # why, by the name of a part
+        self._named: set[str] = set()  # parts whose absence, and reasons that have been printed
         self._sent: tuple[PartReport | None, float] = None, 0.0
         self._publishers: dict[str, Any] = {}
         self._subscriptions: dict[str, Any] = {}
@@ -101,13 +102,17 @@ class OtherParts:
                 yield topic, message
 
     def hear(self, message: DiagnosticArray) -> None:
-        """Take the report of a part; Malformed for an unsound one."""
+        """Take the report of a part, unless it is not one of this run; Malformed if unsound."""
         report = PartReport.from_message(message)
         first = report.part not in self._heard
         if report.part == self._name or (first and report.stage == ENDED):  # of an earlier run
             return
-        if report.part in self._named_away:
-            self._named_away.discard(report.part)
+        if fault := self._conflict(report):
+            self._refused[report.part] = fault
+            return
+        self._refused.pop(report.part, None)
+        if report.part in self._named:
+            self._named.discard(report.part)
             notify(f'{_labels(report)}: heard again')
         self._heard[report.part] = report, self._clock()
 
@@ -135,20 +140,23 @@ class OtherParts:
             publisher.wait_for_all_acked(_ACKNOWLEDGED)
 
     def wait_for_reports(self, take: Callable[[], None]) -> str:
-        """Wait for the part with the evaluator, not for long; return a conflict, as below."""
+        """
+        Wait for the part with the evaluator, not for long.
+
+        Return why this part does not fit into the run that was there before, empty if it does.
+        """
         until_s = self._clock() + _HEARD_WITHIN_S
         while self._part.expected and self._clock() < until_s:
             take()
             if any('/evaluator' in report.own for report, _ in self._heard.values()):
                 break
             time.sleep(_LOOK_EVERY_S)
-        return self.conflict()
+        return next(iter(self._refused.values()), '')
 
     def state(self, node: GraphNode) -> str:
         """Return the state of an expected node, `ELSEWHERE` while its part is not heard."""
-        now_s = self._clock()
-        return next((report.nodes[node.path].state for report, heard_s in self._heard.values()
-                     if node.path in report.own and now_s - heard_s < AWAY_AFTER_S), ELSEWHERE)
+        return next((report.nodes[node.path].state for report in self._present
+                     if node.path in report.own), ELSEWHERE)
 
     def restarts(self, path: str) -> int:
         """Return how often the other parts know that a node was started again."""
@@ -168,8 +176,15 @@ class OtherParts:
     @property
     def running(self) -> bool:
         """Return whether the run is under way: this part joins it, or comes back to it."""
-        return any(report.stage == RUNNING for report, _ in self._heard.values()
+        return any(report.stage == RUNNING for report in self._present
                    if self._part.evaluates or '/evaluator' in report.own)
+
+    @property
+    def _present(self) -> list[PartReport]:
+        """Return the newest reports of the parts that are not away."""
+        now_s = self._clock()
+        return [report for report, heard_s in self._heard.values()
+                if now_s - heard_s < AWAY_AFTER_S]
 
     @property
     def over(self) -> bool:
@@ -177,28 +192,33 @@ class OtherParts:
         return any(report.stage == ENDED and '/evaluator' in report.own
                    for report, _ in self._heard.values())
 
-    def conflict(self) -> str:
-        """Return why a part that was heard does not belong to the same run, empty if all do."""
-        own = {each.path for each in self._part.own}
-        for report, _ in self._heard.values():
-            if both := own & report.own:
-                return f'{", ".join(sorted(both))} runs here and in another part ({report.part})'
-            if report.options != self._part.options:
-                return (f'{_labels(report)}: started with other options or configuration than '
-                        'this part: all parts need the same but for --only and --expect')
-        return ''
+    def _conflict(self, report: PartReport) -> str:
+        """Return why a part that was heard does not belong to the same run, empty if it does."""
+        if report.options != self._part.options:
+            return (f'{_labels(report)}: started with other options or configuration than this '
+                    'part: all parts need the same but for --only and --expect')
+        held = {self._name: {each.path for each in self._part.own}} | {
+            other.part: other.own for other in self._present
+            if other.part != report.part and other.stage != ENDED}
+        return next((
+            f'{", ".join(sorted(both))} runs in two parts ({part} and {report.part})'
+            for part, own in held.items() if (both := own & report.own)), '')
 
     def watch(self) -> None:
-        """Print once which part is not heard any more, or has ended."""
+        """Print once which part is not heard any more, has ended, or is not of this run."""
         now_s = self._clock()
         for name, (report, heard_s) in self._heard.items():
             away = report.stage == ENDED or now_s - heard_s > AWAY_AFTER_S
-            if away and name not in self._named_away:
-                self._named_away.add(name)
+            if away and name not in self._named:
+                self._named.add(name)
                 how = ('has ended' if report.stage == ENDED
                        else f'not heard for {AWAY_AFTER_S:g} s')
                 notify(f'{_labels(report)}: {how}; frames lack what it does until its bring-up '
                        'runs again')
+        for fault in self._refused.values():
+            if fault not in self._named:
+                self._named.add(fault)
+                notify(f'{fault}; this part does not heed that one')
 
 
 def _labels(report: PartReport) -> str:
