@@ -194,8 +194,6 @@ def in_image(
     return [where.in_image(item, cell_size_m) for item in found]
 
 
-
-
 def _untuned(detector: Detector) -> Detector:
     """Return a detector without its threshold, on which its calibration does not depend."""
     return replace(detector, threshold=0.0)
