@@ -8,6 +8,7 @@ from lowsnr_bringup.ros.domain_guard import DomainGuard
 from lowsnr_bringup.ros.domain_guard import DomainTaken
 import pytest
 from rclpy.node import Node
+from ros_nodes import node_domain
 from ros_nodes import ros_context
 
 PATHS = [node.path for node in run_nodes(['cdt', 'sdt'])]
@@ -16,7 +17,7 @@ PATHS = [node.path for node in run_nodes(['cdt', 'sdt'])]
 @pytest.fixture
 def bringup():
     """Return bring-up's own node."""
-    with ros_context() as context:
+    with ros_context(node_domain()) as context:
         node = Node('bringup', context=context)
         yield node
         node.destroy_node()
@@ -24,7 +25,7 @@ def bringup():
 
 def taken(bringup, *others, check=DomainGuard.check_before_start):
     """Return the names that are taken where others have nodes of these names and namespaces."""
-    with ros_context() as context:
+    with ros_context(node_domain()) as context:
         nodes = [Node(name, namespace=space, context=context) for name, space in others]
         try:
             check(DomainGuard(bringup, PATHS))

@@ -32,6 +32,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
 from rclpy.serialization import serialize_message
+from ros_nodes import node_domain
 from ros_nodes import ros_context
 from tally import INPUTS
 from vision_msgs.msg import Detection2D
@@ -61,7 +62,7 @@ class Feed:
 def feed(request, place):
     """Return the feed of the node that the test names; all of its inputs share it."""
     make, values = NODES[request.param]
-    with ros_context() as context:
+    with ros_context(node_domain()) as context:
         node = make(context=context, parameter_overrides=[
             Parameter(name, value=value) for name, value in values.items()] + (
             [Parameter('results', value=str(place))] if request.param == 'evaluator' else []))

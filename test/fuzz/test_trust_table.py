@@ -14,6 +14,7 @@ from lowsnr_sensor.conditioner_node import ConditionerNode
 from lowsnr_sensor.sensor_node import SensorNode
 from lowsnr_track.tracker_node import TrackerNode
 from rclpy.parameter import Parameter
+from ros_nodes import node_domain
 from ros_nodes import ros_context
 
 ROW = re.compile(r'\| (\w+) \| `([\w/]+)` \| ([^|]+) \| ([^|]+) \| ([^|]+) \|')
@@ -46,7 +47,7 @@ def table():
 
 def test_every_input_of_every_node_is_in_the_table(place):
     found = {}
-    with ros_context() as context:
+    with ros_context(node_domain()) as context:
         for name, (make, values) in NODES.items():
             values = values | ({'results': str(place)} if name == 'evaluator' else {})
             node = make(context=context, parameter_overrides=[

@@ -6,13 +6,14 @@ import pytest
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.parameter import Parameter
+from ros_nodes import node_domain
 from ros_nodes import ros_context
 
 
 @pytest.fixture
 def context():
     """Return an initialised context on the domain of this test process."""
-    with ros_context() as own:
+    with ros_context(node_domain()) as own:
         yield own
 
 

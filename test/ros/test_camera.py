@@ -4,7 +4,6 @@
 import threading
 
 import cv2
-from graph_runs import own_domain
 from lowsnr_bringup.ros.camera import CameraError
 from lowsnr_bringup.ros.camera import inspect_camera
 from lowsnr_bringup.ros.node_watch import FrameWatch
@@ -23,6 +22,7 @@ import pytest
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from rclpy.qos import QoSProfile
+from ros_nodes import node_domain
 from sensor_msgs.msg import CameraInfo
 from sensor_msgs.msg import CompressedImage
 from sensor_msgs.msg import Image
@@ -43,7 +43,7 @@ def image(stamp_s, encoding='mono16', rows=3, cols=5):
 @pytest.fixture
 def camera(context, monkeypatch):
     """Return a function that has a camera publish until the test ends, frame k made by a call."""
-    monkeypatch.setenv('ROS_DOMAIN_ID', str(own_domain()))
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(node_domain()))
     node, over, threads = Node('camera', context=context), threading.Event(), []
 
     def publish(make, qos=RELIABLE, kind=Image, topic=TOPIC):

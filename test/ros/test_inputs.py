@@ -33,6 +33,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy
 from rclpy.qos import qos_profile_sensor_data
 from rclpy.qos import QoSProfile
+from ros_nodes import node_domain
 from ros_nodes import spun_node
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
@@ -93,7 +94,7 @@ def test_reader_that_does_not_fit_is_named_with_the_policy(other, status_with):
 
 
 def test_publisher_of_another_type_is_named(status_with):
-    with spun_node('stranger') as (stranger, _):
+    with spun_node('stranger', node_domain()) as (stranger, _):
         stranger.create_publisher(Odometry, 'detections', DEPTH)
         status_with(
             f'/detections {OTHER_TYPE}', '/stranger', 'nav_msgs/msg/Odometry',

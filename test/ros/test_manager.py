@@ -5,7 +5,6 @@ import os
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
-from graph_runs import own_domain
 from lowsnr_bringup.plan.parts import Part
 from lowsnr_bringup.ros.manager import Manager
 from lowsnr_bringup.run.processes import ProcessGroup
@@ -19,13 +18,14 @@ from lowsnr_common.ros.run_records import rate_to_message
 from lowsnr_common.ros.run_records import SCORED
 import pytest
 from rclpy.serialization import serialize_message
+from ros_nodes import node_domain
 from rosgraph_msgs.msg import Clock
 
 
 @pytest.fixture
 def told(monkeypatch, tmp_path):
     """Return a manager, and a function that tells it of a scored frame as the evaluator does."""
-    monkeypatch.setenv('ROS_DOMAIN_ID', str(own_domain()))
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(node_domain()))
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     with ProcessGroup(tmp_path, os.environ) as group:
         manager = Manager(group, Part(()), lambda: None, lambda *_: None)

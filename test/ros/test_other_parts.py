@@ -6,7 +6,6 @@ from dataclasses import replace
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
-from graph_runs import own_domain
 from lowsnr_bringup.plan.graph import run_nodes
 from lowsnr_bringup.plan.parts import part_of
 from lowsnr_bringup.ros.bringup_node import bringup_node
@@ -22,6 +21,7 @@ from lowsnr_bringup.ros.heard.part_report import RUNNING
 from lowsnr_bringup.ros.heard.part_report import STARTING
 from lowsnr_common.core.records import Malformed
 import pytest
+from ros_nodes import node_domain
 
 NODES = run_nodes(['sdt'])
 EVALUATOR, TRACKER, DETECTOR, SENSOR = NODES
@@ -35,7 +35,7 @@ REPORT = PartReport('/bringup', MOST.options, RUNNING, 7, 3 * 10**9, {
 @pytest.fixture
 def rest(monkeypatch):
     """Return the part with the detector, on a domain of its own, with a clock that is set."""
-    monkeypatch.setenv('ROS_DOMAIN_ID', str(own_domain()))
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(node_domain()))
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     now = [0.0]
     with bringup_node(REST.manager) as node:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ROS contexts and nodes of a test, on a domain that only this test process uses."""
+"""ROS contexts and nodes of a test, in its own process."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,16 +12,23 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+_NODES = -1  # which of the process's domains
+
+
+def node_domain() -> int:
+    """Return the domain for nodes of tests, where those that stay longer meet no graph."""
+    return own_domain(_NODES)
+
 
 @contextmanager
-def ros_context(domain_id: int | None = None) -> Iterator[rclpy.Context]:
-    """Yield a context that sees this host alone, on the process's own domain or the one given."""
+def ros_context(domain_id: int) -> Iterator[rclpy.Context]:
+    """Yield a context that sees this host alone."""
     gc.collect()  # nodes that earlier tests destroyed stay in the graph until they are collected
     context = rclpy.Context()
     with pytest.MonkeyPatch.context() as environment:
         environment.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
         rclpy.init(
-            context=context, domain_id=own_domain() if domain_id is None else domain_id,
+            context=context, domain_id=domain_id,
             signal_handler_options=SignalHandlerOptions.NO)
         try:
             yield context
@@ -30,9 +37,7 @@ def ros_context(domain_id: int | None = None) -> Iterator[rclpy.Context]:
 
 
 @contextmanager
-def spun_node(
-    name: str, domain_id: int | None = None,
-) -> Iterator[tuple[Node, SingleThreadedExecutor]]:
+def spun_node(name: str, domain_id: int) -> Iterator[tuple[Node, SingleThreadedExecutor]]:
     """Yield a node in a context of its own, and the executor that spins it."""
     with ros_context(domain_id) as context:
         node = Node(name, context=context)

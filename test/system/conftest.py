@@ -55,7 +55,7 @@ def published(tmp_path_factory):
     @functools.cache
     def run(scenario):
         messages = {topic: [] for topic in TOPICS}
-        with spun_node('listener') as (node, executor):
+        with spun_node('listener', own_domain()) as (node, executor):
             readers = [node.create_subscription(
                 kind, topic, messages[topic].append, reliable(1000))
                 for topic, kind in TOPICS.items()]

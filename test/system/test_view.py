@@ -50,7 +50,7 @@ def watch(tmp_path_factory):
     @functools.cache
     def run(topics, *arguments):
         seen, readers = {topic: {} for topic, _ in topics}, []
-        with spun_node('onlooker') as (node, executor):
+        with spun_node('onlooker', own_domain()) as (node, executor):
             for topic, kind in topics:
                 def take(message, topic=topic, received=seen[topic]):
                     if topic != 'clock':
