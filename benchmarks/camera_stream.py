@@ -45,6 +45,7 @@ def main() -> int:
     parser.add_argument('--rate', type=float, default=30.0, help='frames a second (30)')
     parser.add_argument('--seconds', type=float, default=60.0, help='length of the run [s] (60)')
     parser.add_argument('--detector', default='auto', help='the detector (auto)')
+    parser.add_argument('--no-record', action='store_true', help='record no bag of the frames')
     options = parser.parse_args()
     _environment.ensure()
     os.environ |= {'ROS_DOMAIN_ID': str(DOMAIN), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
@@ -110,14 +111,15 @@ def camera(options: Any) -> Iterator[tuple[Any, dict[int, float]]]:
 
 @contextlib.contextmanager
 def graph(options: Any) -> Iterator[Any]:
-    """Start the graph on the camera, recorded; end it as Ctrl-C does."""
+    """Start the graph on the camera, recorded unless told otherwise; end it as Ctrl-C does."""
     import signal
 
     from graph_runs import start_bringup
 
     with tempfile.TemporaryDirectory() as folder, start_bringup(
             Path(folder) / 'run', '--camera', TOPIC, '--camera-within', '60', '--detector',
-            options.detector, '--snr', '8', '--record', str(Path(folder) / 'bag'),
+            options.detector, '--snr', '8',
+            *([] if options.no_record else ['--record', str(Path(folder) / 'bag')]),
             domain_id=DOMAIN) as run:
         yield run
         run.process.send_signal(signal.SIGINT)

@@ -36,6 +36,7 @@ def test_udp_is_the_only_transport(tmp_path, environment):
     assert texts(root, 'useBuiltinTransports') == ['false']
     assert texts(root, 'userTransports/transport_id') == texts(
         root, 'transport_descriptor/transport_id')
+    assert int(texts(root, 'receiveBufferSize')[0]) >= 4 * 2 * 4096**2
     assert added['RMW_FASTRTPS_USE_QOS_FROM_XML'] == '1'
 
 

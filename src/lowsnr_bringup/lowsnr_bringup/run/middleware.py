@@ -11,6 +11,8 @@ import re
 import socket
 import time
 
+from lowsnr_common.images.receive_buffer import WANTED_BYTES
+
 PROFILE_FILE = 'fastdds.xml'
 # Fast DDS 2 (Jazzy) and later versions read different variables.
 _VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
@@ -31,7 +33,7 @@ _PROFILE = """\
     <transport_descriptor>
       <transport_id>lowsnr</transport_id>
       <type>UDPv4</type>
-      <receiveBufferSize>4194304</receiveBufferSize>
+      <receiveBufferSize>{buffer}</receiveBufferSize>
       <maxInitialPeersRange>32</maxInitialPeersRange>
 {interfaces}    </transport_descriptor>
   </transport_descriptors>
@@ -104,8 +106,9 @@ def middleware_environment(
     - A queue frees the memory of a message that has left it.  By default every place of a queue
       keeps the memory of the largest message that it ever held.
 
-    The receive buffer holds a frame of 1024 x 1024 cells where the system allows that; the
-    kernel reduces it to ``net.core.rmem_max`` elsewhere, and lost fragments are sent again.
+    The receive buffer holds four frames of 4096 x 4096 pixels of 16 bits where the system allows
+    that.  The kernel reduces it to ``net.core.rmem_max``, and what does not fit is lost: a
+    writer with this profile sends it again, a camera often too late.
 
     Parameters
     ----------
@@ -136,7 +139,8 @@ def middleware_environment(
         interfaces = '' if static else _LOOPBACK
         added |= _AS_IN_PROFILE
     path = (folder / PROFILE_FILE).resolve()
-    path.write_text(_PROFILE.format(interfaces=interfaces, locators=locators), encoding='utf-8')
+    path.write_text(_PROFILE.format(
+        buffer=WANTED_BYTES, interfaces=interfaces, locators=locators), encoding='utf-8')
     return dict.fromkeys(_VARIABLES, str(path)) | added
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from collections.abc import Iterator
-from itertools import islice
 import time
 from typing import Any
 
 from lowsnr_common.core.records import Malformed
+from lowsnr_common.images.receive_buffer import remedy
 from lowsnr_common.ros.connections import input_faults
 from lowsnr_common.ros.connections import OTHER_QOS
 from lowsnr_common.ros.diagnostics import Fault
@@ -19,6 +19,7 @@ from rclpy.qos import qos_policy_name_from_kind
 from rclpy.qos import QoSProfile
 from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import CompressedImage
+from sensor_msgs.msg import Image
 
 CAMERA_TOPIC = 'image_raw'
 # Reasons of faults.
@@ -26,8 +27,13 @@ NO_PUBLISHER, SILENT, LOST, UNUSABLE = 'no publisher', 'silent', 'lost', 'cannot
 
 
 def take_waiting(subscription: Any) -> Iterator[Any]:
-    """Yield the messages in the queue of a subscription."""
-    while True:
+    """
+    Yield the messages in the queue of a subscription.
+
+    At most as many as the queue holds: where messages arrive faster than they are used, the
+    queue is never empty, and those that came meanwhile are left for later.
+    """
+    for _ in range(subscription.qos_profile.depth):
         with subscription.handle:
             found = subscription.handle.take_message(subscription.msg_type, False)
         if found is None:
@@ -36,13 +42,8 @@ def take_waiting(subscription: Any) -> Iterator[Any]:
 
 
 def drain(subscription: Any) -> None:
-    """
-    Pass the messages in the queue of a subscription to its callback; a spin takes one.
-
-    It takes at most as many as the queue holds: where messages arrive faster than the callback
-    returns, the queue is never empty, and those that came meanwhile are left for later.
-    """
-    for message in islice(take_waiting(subscription), subscription.qos_profile.depth):
+    """Pass the messages in the queue of a subscription to its callback; a spin takes one."""
+    for message in take_waiting(subscription):
         subscription.callback(message)
 
 
@@ -173,7 +174,8 @@ class Input:
     def _on_lost(self, event: Any) -> None:
         self._node.counts['lost'] += event.total_count_change
         self._node.warn(Fault(
-            self._topic, LOST, f'the middleware lost {event.total_count_change} messages'))
+            self._topic, LOST, f'the middleware lost {event.total_count_change} messages'
+            + (remedy() if self._kind is Image else '')))
 
     def _on_incompatible(self, event: Any) -> None:
         self._incompatible = qos_policy_name_from_kind(event.last_policy_kind).lower()
