@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Start the real graph for a test, on a ROS domain of its own, and check that it ends."""
 
+from collections.abc import Callable
+from collections.abc import Sequence
 import csv
 from dataclasses import dataclass
 import fcntl
@@ -111,11 +113,7 @@ class GraphRun:
 
     def wait_for_rows(self, count: int, within_s: float = _ROWS_WITHIN_S) -> None:
         """Wait until ``frames.csv`` has this many rows."""
-        until = time.monotonic() + within_s
-        while len(self.rows()) < count:
-            assert self.process.poll() is None, self.finish()
-            assert time.monotonic() < until, f'{len(self.rows())} rows after {within_s} s'
-            time.sleep(0.02)
+        self._wait_for(count, self.rows, within_s)
 
     def nodes(self) -> dict[str, int]:
         """Return the process ids of the nodes that run, by the last part of their module."""
@@ -128,11 +126,7 @@ class GraphRun:
 
     def wait_for_nodes(self, count: int, within_s: float = _ROWS_WITHIN_S) -> None:
         """Wait until this many nodes run."""
-        until = time.monotonic() + within_s
-        while len(self.processes()) < count:
-            assert self.process.poll() is None, self.finish()
-            assert time.monotonic() < until, f'{self.processes()} after {within_s} s'
-            time.sleep(0.02)
+        self._wait_for(count, self.processes, within_s)
 
     def restarts(self) -> list[dict[str, str]]:
         """Return the rows of ``restarts.csv``."""
@@ -145,10 +139,15 @@ class GraphRun:
 
     def wait_for_restarts(self, count: int, within_s: float = _RESTARTS_WITHIN_S) -> None:
         """Wait until this many nodes have been restarted."""
+        self._wait_for(count, self.restarts, within_s)
+
+    def _wait_for(self, count: int, found: Callable[[], Sequence[Any]], within_s: float) -> None:
+        """Wait until so many are found; fail where the run ends before, or after this time."""
         until = time.monotonic() + within_s
-        while len(self.restarts()) < count:
+        while len(there := found()) < count:
             assert self.process.poll() is None, self.finish()
-            assert time.monotonic() < until, f'{self.restarts()} after {within_s} s'
+            assert time.monotonic() < until, (
+                f'{len(there)} of {count} after {within_s} s, the last {there[-5:]}')
             time.sleep(0.02)
 
     def wait_until_none_is_left(self, within_s: float = _LEAVES_WITHIN_S) -> None:

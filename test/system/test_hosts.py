@@ -66,10 +66,16 @@ def test_composed_chains_that_are_divided_give_the_bytes_of_the_whole_run(bringu
     assert tables(most) == tables(whole)
 
 
-def test_part_that_is_interrupted_ends_with_0_and_one_that_comes_back_joins(bringup):
-    first = bringup(*PACED, '--only', 'sdt', '--expect', *MOST, results='first')
+def start_paced(bringup):
+    """Return the part with the detector and the rest of a paced run that is under way."""
+    detector = bringup(*PACED, '--only', 'sdt', '--expect', *MOST, results='detector')
     most = bringup(*PACED, '--expect', 'sdt', results='most')
     most.wait_for_rows(40)
+    return detector, most
+
+
+def test_part_that_is_interrupted_ends_with_0_and_one_that_comes_back_joins(bringup):
+    first, most = start_paced(bringup)
     first.process.send_signal(signal.SIGINT)
     assert first.finish()[0] == 0
     second = bringup(*PACED, '--only', 'sdt', '--expect', *MOST, results='second')
@@ -83,9 +89,7 @@ def test_part_that_is_interrupted_ends_with_0_and_one_that_comes_back_joins(brin
 
 
 def test_evaluator_that_is_interrupted_saves_its_scores_and_ends_the_other_parts(bringup):
-    detector = bringup(*PACED, '--only', 'sdt', '--expect', *MOST, results='detector')
-    most = bringup(*PACED, '--expect', 'sdt', results='most')
-    most.wait_for_rows(40)
+    detector, most = start_paced(bringup)
     most.process.send_signal(signal.SIGINT)
     assert most.finish()[0] == 130
     assert detector.finish()[0] == 0

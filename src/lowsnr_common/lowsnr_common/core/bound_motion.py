@@ -77,6 +77,11 @@ class DestinationDensity(PlaceDensity):
                 f'latest_frame = {self.latest_frame}, must be at least earliest_frame = '
                 f'{self.earliest_frame}')
 
+    @property
+    def arrivals(self) -> range:
+        """Return the frames in which it may arrive, all alike."""
+        return range(self.earliest_frame, self.latest_frame + 1)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Destinations:
@@ -176,8 +181,8 @@ def draw_bound(
     for number, each in enumerate(densities):
         own = chosen == number
         place[own] = each.at(noise[own])
-        count = each.latest_frame - each.earliest_frame + 1
-        arrival[own] = each.earliest_frame + np.floor(count * when[own]).astype(int)
+        arrival[own] = each.earliest_frame + np.floor(
+            len(each.arrivals) * when[own]).astype(int)
     return Bound(place, arrival)
 
 

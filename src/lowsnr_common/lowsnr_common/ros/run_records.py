@@ -74,9 +74,7 @@ class FrameScored:
             repeated, a value is not a count, or the chains name different frames or frame 0.
 
         """
-        stamp = message.header.stamp
-        if stamp.sec < 0 or stamp.nanosec >= _NANO:
-            raise Malformed('not a stamp', f'the stamp is {stamp.sec} s and {stamp.nanosec} ns')
+        stamp_ns = stamp_of(message)
         if not 0 < len(message.status) <= _MOST_CHAINS:
             raise Malformed('number of chains', f'{len(message.status)} chains, must be 1 to '
                             f'{_MOST_CHAINS}')
@@ -87,7 +85,7 @@ class FrameScored:
         chains = tuple(chain for _, chain in counts)
         if len({chain.detector for chain in chains}) < len(chains):
             raise Malformed('name of two chains', 'two chains have the same name')
-        return cls(stamp_key(stamp), frames.pop(), chains)
+        return cls(stamp_ns, frames.pop(), chains)
 
 
 @dataclass(frozen=True)
@@ -160,6 +158,14 @@ def rate_from_message(message: DiagnosticArray) -> tuple[str, AlarmRate]:
             raise Malformed('not a share', f'{key} = {text[:40]!r} is not from 0 to 1')
     return name_of(status), AlarmRate(
         **{key: float(text) if text else None for key, text in texts.items()})
+
+
+def stamp_of(message: DiagnosticArray) -> int:
+    """Return the stamp of a message [ns]; Malformed if negative or with too many nanoseconds."""
+    stamp = message.header.stamp
+    if stamp.sec < 0 or stamp.nanosec >= _NANO:
+        raise Malformed('not a stamp', f'the stamp is {stamp.sec} s and {stamp.nanosec} ns')
+    return stamp_key(stamp)
 
 
 def pairs(**values: object) -> list[KeyValue]:

@@ -69,8 +69,7 @@ class Pairs:
 
 def bound_count(destinations: Destinations) -> int:
     """Return what an object may be bound for: none, or one of the pairs, which are not made."""
-    return 1 + sum(
-        place.latest_frame - place.earliest_frame + 1 for place in destinations.densities)
+    return 1 + sum(len(place.arrivals) for place in destinations.densities)
 
 
 def step_arrays(destinations: Destinations) -> int:
@@ -82,9 +81,9 @@ def step_arrays(destinations: Destinations) -> int:
 @functools.lru_cache(maxsize=16)
 def pairs(destinations: Destinations) -> Pairs:
     """Return the pairs of destinations."""
-    each = [(place.probability / (place.latest_frame - place.earliest_frame + 1), place.x_m,
+    each = [(place.probability / len(place.arrivals), place.x_m,
              place.y_m, frame, place.std_m) for place in destinations.densities
-            for frame in range(place.earliest_frame, place.latest_frame + 1)]
+            for frame in place.arrivals]
     prob, x_m, y_m, arrival, std_m = np.reshape(
         sorted(each, key=lambda pair: -pair[3]), (-1, 5)).T
     return Pairs(prob, Bound(np.stack([x_m, y_m], axis=-1), arrival.astype(int)), std_m)

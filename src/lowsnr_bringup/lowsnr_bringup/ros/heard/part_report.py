@@ -9,10 +9,10 @@ from dataclasses import field
 from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
 from lowsnr_common.core.records import Malformed
-from lowsnr_common.ros.messages import stamp_key
 from lowsnr_common.ros.run_records import count_of
 from lowsnr_common.ros.run_records import name_of
 from lowsnr_common.ros.run_records import pairs
+from lowsnr_common.ros.run_records import stamp_of
 from lowsnr_common.ros.run_records import values_of
 
 PARTS = 'parts'
@@ -79,9 +79,7 @@ class PartReport:
             others, a name is longer than 255 letters or occurs twice, or a value is not a count.
 
         """
-        stamp = message.header.stamp
-        if stamp.sec < 0 or stamp.nanosec >= _NANO:
-            raise Malformed('not a stamp', f'the stamp is {stamp.sec} s and {stamp.nanosec} ns')
+        newest_ns = stamp_of(message)
         if not 2 <= len(message.status) <= _MOST_NODES:
             raise Malformed('number of nodes', f'{len(message.status)} statuses, must be 2 to '
                             f'{_MOST_NODES}')
@@ -92,7 +90,7 @@ class PartReport:
         texts = values_of(part, ('options', 'published'))
         return cls(
             name_of(part), texts['options'], _one_of(_STAGES, part.message),
-            count_of(texts, 'published'), stamp_key(stamp), nodes)
+            count_of(texts, 'published'), newest_ns, nodes)
 
 
 def _node(status: DiagnosticStatus) -> NodeReport:
