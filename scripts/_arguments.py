@@ -38,6 +38,7 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, **how: Any) -> None:
         super().__init__(allow_abbrev=False, **how)
+        self._needed: dict[str, str] = {}
         self.add_argument('--version', action='version', version=f'lowsnr {version()}')
 
     def parse_args(  # type: ignore[override]
@@ -53,7 +54,15 @@ class Parser(argparse.ArgumentParser):
         options, unknown = self.parse_known_args(words, namespace)
         if unknown:
             self.check_option(unknown[0])
+        given = {word.partition('=')[0] for word in takewhile('--'.__ne__, words)}
+        for option, needed in self._needed.items():
+            if option in given and needed not in given:
+                self.error(f'{option}: only with {needed}')
         return options
+
+    def only_with(self, needed: str, *options: str) -> None:
+        """Reject options that do nothing without another one, where that is not given."""
+        self._needed |= dict.fromkeys(options, needed)
 
     def complete_words(self) -> None:
         """Answer a shell that asks for the words that can follow, and end."""

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from _arguments import input_path
 from _arguments import number
+from _arguments import Parser
 
 if TYPE_CHECKING:
     from lowsnr_bringup.truth.frame_index import Reading
@@ -31,7 +32,7 @@ def add_film(parser: argparse.ArgumentParser) -> None:
         help='time between frames [s] (default: as the files state it, or 1)')
 
 
-def add_truth(parser: argparse.ArgumentParser) -> None:
+def add_truth(parser: Parser) -> None:
     """Add the options about truth that comes in a file of its own."""
     parser.add_argument(
         '--truth', type=input_path, metavar='FILE',
@@ -46,6 +47,7 @@ def add_truth(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--truth-origin', type=int, choices=(0, 1), metavar='0|1',
         help='coordinate of the first pixel in the table (default: 0, of a MOT table 1)')
+    parser.only_with('--truth', '--truth-columns', '--truth-from', '--truth-origin')
 
 
 def columns(text: str) -> tuple[tuple[str, str], ...]:
@@ -68,13 +70,11 @@ def reading(options: argparse.Namespace) -> 'Reading':
 
 def films(options: argparse.Namespace, folder: Path) -> list[str]:
     """Make a bag of what is replayed, where it is none; return what the user should know."""
-    given = [option for name, option in _OF_FILMS.items() if getattr(options, name)]
     if options.replay is None:
-        if given or options.truth:
-            raise ValueError(f'{[*given, "--truth"][0]}: only with --replay')
         return []
     from lowsnr_bringup.ros.film_bag import is_film_only
     from lowsnr_bringup.ros.film_bag import replayable
+    given = [option for name, option in _OF_FILMS.items() if getattr(options, name)]
     if given and not is_film_only(options.replay):
         raise ValueError(f'{given[0]}: only with files of frames, and {options.replay} is none')
     found = replayable(

@@ -104,7 +104,7 @@ def add_frames(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--loop', action='store_true', help='repeat the scenario until Ctrl-C')
 
 
-def add_recorded_frames(parser: argparse.ArgumentParser) -> None:
+def add_recorded_frames(parser: Parser) -> None:
     """Add the options about the frames of a bag or camera."""
     parser.add_argument(
         '--frames-topic', metavar='TOPIC',
@@ -114,6 +114,9 @@ def add_recorded_frames(parser: argparse.ArgumentParser) -> None:
         help='topic of the truth in the bag, if it has any (default: /ground_truth)')
     add_film(parser)
     add_truth(parser)
+    parser.only_with(
+        '--replay', '--frames-topic', '--truth-topic', '--select', '--pattern', '--period',
+        '--truth')
     parser.set_defaults(truth_bag=None)  # what becomes of --truth
     parser.add_argument(
         '--condition', choices=('auto', 'on', 'off'), default='auto',
@@ -122,6 +125,7 @@ def add_recorded_frames(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--camera-within', type=number(0.0, above=True), default=10.0, metavar='S',
         help='longest wait for the first frames of the camera [s] (default: 10)')
+    parser.only_with('--camera', '--camera-within')
 
 
 def add_processing(parser: argparse.ArgumentParser) -> None:
@@ -145,7 +149,7 @@ def add_processing(parser: argparse.ArgumentParser) -> None:
         'without copies: the same results with less delay, on one core')
 
 
-def add_outputs(parser: argparse.ArgumentParser) -> None:
+def add_outputs(parser: Parser) -> None:
     """Add the options that say what the run leaves and shows."""
     parser.add_argument(
         '--results', type=Path, metavar='DIR',
@@ -171,6 +175,8 @@ def add_outputs(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--no-browser', action='store_false', dest='browser',
         help='print the address of the live page and open it nowhere')
+    parser.only_with('--record', '--storage')
+    parser.only_with('--view', '--view-port', '--no-browser')
 
 
 def add_network(parser: argparse.ArgumentParser) -> None:
@@ -184,7 +190,7 @@ def add_network(parser: argparse.ArgumentParser) -> None:
         'if the keystore lacks something, the error shows the commands that create it')
 
 
-def add_hosts(parser: argparse.ArgumentParser) -> None:
+def add_hosts(parser: Parser) -> None:
     """Add the options of a run whose nodes are on several hosts."""
     parser.add_argument(
         '--only', nargs='+', default=[], metavar='NODE',
@@ -197,6 +203,7 @@ def add_hosts(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--expect-within', type=number(0.0, above=True), default=600.0, metavar='S',
         help='longest wait for the other hosts of the run [s] (default: 600)')
+    parser.only_with('--expect', '--expect-within')
     parser.add_argument(
         '--peers', nargs='+', default=[], metavar='HOST',
         help='open discovery to these hosts, or to all of the local network with the word subnet: '

@@ -231,11 +231,9 @@ def test_shipped_configuration_has_the_defaults():
         assert tracker[key] == (list(value) if isinstance(value, tuple) else value), key
 
 
-@pytest.mark.parametrize(('options', 'named'), [
-    ({'view_port': 9000}, '--view'), ({'view': True, 'view_port': 65535}, '65536')])
-def test_port_that_no_page_can_have_is_rejected(options, named):
-    with pytest.raises(ValueError, match=f'--view-port: .*{named}'):
-        plan(detectors=['cdt', 'sdt'], **options)
+def test_port_that_no_page_can_have_is_rejected():
+    with pytest.raises(ValueError, match='--view-port: .*65536'):
+        plan(detectors=['cdt', 'sdt'], view=True, view_port=65535)
 
 
 def test_each_chain_has_a_page_of_its_own_and_the_browser_opens_the_first():

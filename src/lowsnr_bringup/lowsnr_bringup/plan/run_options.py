@@ -70,8 +70,6 @@ class RunOptions:
             self._check_camera(self.camera)
         elif self.replay is None and self.condition == 'on':
             raise ValueError('--condition on: simulated frames are not conditioned')
-        if self.view_port and not self.view:
-            raise ValueError('--view-port: only a run with --view has a live page')
         if self.view_port:
             check_ports(self.view_port + n for n in range(len(self.detectors)))
         if self.replay is not None and self.loop:
