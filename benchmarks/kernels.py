@@ -306,7 +306,7 @@ def _other_cases() -> list[Case]:
              depths * 256**2, 'cell and plane') for depths in DEPTHS]
     for count in PARTICLES:
         detector = replace(MMTBD2(), particles=count, birth_particles=count // 3)
-        goals = (80.0, 200.0) if count >= 10_000 else (None, None)
+        goals = (80.0, 150.0, 200.0) if count >= 10_000 else (None,) * 3
         numpy = 'NumPy: move, weight, resample'
         found += [
             Case('MMTBD2', f'{count} + {count // 3}', numpy,
@@ -317,7 +317,7 @@ def _other_cases() -> list[Case]:
                  count, 'particle', goal_ns=goals[1]),
             Case('PDA-MMPF, 7 detections and a birth', f'{count}', numpy,
                  pair(tracking, (count, 7, True), numpy_particle_step, count, 20),
-                 count, 'particle', goal_ns=goals[1])]
+                 count, 'particle', goal_ns=goals[2])]
     return found
 
 

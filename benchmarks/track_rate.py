@@ -24,8 +24,8 @@ from lowsnr_track.pda_mmpf import PdaMmpf
 import numpy as np
 from scipy.special import expit
 from scipy.special import gammaincinv
+from tracker_scores import interval
 from tracker_sdt import DETECTOR_ALARMS
-from tracker_sdt import interval
 from tracker_sdt import SCENARIO
 from tracker_sdt import SCORED
 from tracker_sdt import scored
@@ -62,7 +62,7 @@ def main() -> None:
             count = int(np.sum(existence >= at))
             low, high = (gammaincinv(count + n, tail) / frames if count + n else 0.0
                          for n, tail in ((0, 0.025), (1, 0.975)))
-            hits = [hit for hit, *_ in scored(
+            hits = [run.hit for run in scored(
                 pool, detector, tracker, options.runs, options.seed, True)]
             mean, *bounds = interval(np.array(hits)[:, SCORED].mean(axis=1), rng)
             print(f'{label}: confirm {at:.3f}, {count / frames:.5f} [{low:.5f}, {high:.5f}] false '

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.stats import chi2
 from scipy.stats import t as student
 import tracker_model as model
+from tracker_scores import interval
 
 FRAMES = 20
 MODE_FRAMES = 8
@@ -99,7 +100,7 @@ def _nees(followed: list[model.Followed]) -> np.ndarray:
     return np.array([run.nees for run in followed])
 
 
-def _inside(nees: np.ndarray) -> dict[str, float]:
+def _inside(nees: np.ndarray) -> dict[str, Any]:
     """
     Return the proportion of frames whose mean NEES lies inside its 95 % bounds.
 
@@ -110,7 +111,8 @@ def _inside(nees: np.ndarray) -> dict[str, float]:
     low, high = chi2.ppf([0.025, 0.975], 4 * runs) / runs
     spread = 1.96 * nees.std(axis=0, ddof=1) / np.sqrt(runs)
     return {
-        'nees': float(mean.mean()), 'nees_low': float(mean.min()), 'nees_high': float(mean.max()),
+        'nees': float(mean.mean()), 'interval': interval(nees, np.random.default_rng(runs)),
+        'nees_low': float(mean.min()), 'nees_high': float(mean.max()),
         'chi_square': float(np.mean((mean >= low) & (mean <= high))),
         'sample': float(np.mean(abs(mean - 4.0) <= spread))}
 

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 from lowsnr_common.core.measurement import SensorModel
-from lowsnr_common.core.motion import POS
 from lowsnr_detect.calibration.operating_point import calibrated
 from lowsnr_detect.detectors.sdt import SDT
 from lowsnr_eval.study.experiment import simulate_run
@@ -25,11 +24,15 @@ from lowsnr_track.pda_mmpf import PdaMmpf
 import numpy as np
 from scipy.special import expit
 from scipy.special import logit
+from tracker_scores import interval
+from tracker_scores import quantile_interval
+from tracker_scores import reliability
+from tracker_scores import RunScore
+from tracker_scores import score_run
 
 SCENARIO = Path(__file__).resolve().parents[1] / 'config' / 'scenarios' / 'random.yaml'
 SCORED = slice(9, 35)  # frames 10 to 35
 AFTER = slice(35, 40)
-GATE_M = 1.5
 DETECTOR_ALARMS = 0.1
 TRACK_ALARMS = 0.01
 BLOCK = 20
@@ -48,22 +51,44 @@ def measure(
     tracker = PdaMmpf(
         sensor=sensor, rows=scenario.rows, cols=scenario.cols,
         frames_per_detection=detector.frames_per_declaration)
+    confirm = calibrate(pool, detector, tracker, empty_runs, seed)
     tracker = replace(tracker, life=replace(
-        tracker.life, confirm_probability=calibrate(pool, detector, tracker, empty_runs, seed)))
+        tracker.life, confirm_probability=confirm,
+        release_probability=min(confirm, tracker.life.release_probability)))
     empty = scored(pool, detector, tracker, empty_runs, seed + 1, False)
-    object_runs = scored(pool, detector, tracker, runs, seed + 2, True)
-    hit, false, squared = (np.array(part) for part in zip(*object_runs))
-    any_false = np.array([alarms for _, alarms, _ in empty]) > 0
-    rng = np.random.default_rng([seed, 5])
+    present = scored(pool, detector, tracker, runs, seed + 2, True)
     return {
         'snr_db': snr_db, 's_m': iterations, 'runs': runs, 'empty_runs': empty_runs,
         'detector_threshold': found.threshold,
         'confirm_probability': tracker.life.confirm_probability,
-        'empty_frames_with_track': interval(any_false.mean(axis=1), rng),
+        **figures(present, empty, tracker.life.birth_density, seed)}
+
+
+def figures(
+    present: list[RunScore], empty: list[RunScore], birth_density: float, seed: int,
+) -> dict[str, Any]:
+    """Return the figures of runs with and without an object."""
+    rng = np.random.default_rng([seed, 5])
+    hit, nees, after = (
+        np.array([getattr(run, name) for run in present]) for name in ('hit', 'nees', 'after'))
+    first = np.array([run.first for run in present])
+    false = np.array([run.false for run in present])
+    frames, cells = hit.shape[1], load_scenario(SCENARIO).rows * load_scenario(SCENARIO).cols
+    births = birth_density * cells * frames  # of a run, as the tracker expects them
+    weights = [births / len(present)] * len(present) + [(1.0 - births) / len(empty)] * len(empty)
+    runs = [run.existence for run in present + empty]
+    return {
+        'empty_frames_with_track': interval(
+            np.array([np.mean(run.false > 0) for run in empty]), rng),
         'pd': interval(hit[:, SCORED].mean(axis=1), rng),
+        'first': [quantile_interval(first, each, rng) for each in (0.5, 0.9)],
+        'after': [interval(each, rng) for each in after.T],
         'false_tracks': interval(false[:, SCORED].mean(axis=1), rng),
-        'false_after': interval((false[:, AFTER] > 0).mean(axis=1), rng),
-        'rmse_m': float(np.sqrt(np.nanmean(squared[:, SCORED])))}
+        'false_after': interval(((false + hit)[:, AFTER] > 0).mean(axis=1), rng),
+        'nees': interval(nees[:, SCORED], rng),
+        'rmse_m': float(np.sqrt(np.nanmean([run.squared[SCORED] for run in present]))),
+        'existence': reliability(runs[:len(present)], weights[:len(present)], rng),
+        'existence_at_birth_density': reliability(runs, weights, rng)}
 
 
 def calibrate(
@@ -72,14 +97,15 @@ def calibrate(
     """
     Return the confirm_probability at which TRACK_ALARMS of the empty frames hold a track.
 
-    Confirmation does not change a track, so that one pass serves all thresholds.
+    Below ``release_probability`` both are the same.  Confirmation does not change a track, so that
+    one pass serves all thresholds.
     """
     highest = replace(tracker.life, confirm_probability=1.0 - 1e-9)
     histories = in_blocks(
         pool, partial(existences, detector, replace(tracker, life=highest), seed), runs)
     log_release = logit(tracker.life.release_probability)
-    for bound in ODDS[log_release < ODDS]:
-        share = np.mean([alarmed(run, bound, log_release) for run in histories])
+    for bound in ODDS:
+        share = np.mean([alarmed(run, bound, min(bound, log_release)) for run in histories])
         if share <= TRACK_ALARMS:
             return float(expit(bound))
     raise ValueError('no confirm_probability reaches the rate of false tracks')
@@ -111,25 +137,17 @@ def existences(
 
 def scored(
     pool: Executor, detector: SDT, tracker: PdaMmpf, runs: int, seed: int, present: bool,
-) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Return hit, number of false tracks and squared error of each frame, for all runs."""
+) -> list[RunScore]:
+    """Return the scores of all runs."""
     return in_blocks(pool, partial(score_block, detector, tracker, seed, present), runs)
 
 
 def score_block(
     detector: SDT, tracker: PdaMmpf, seed: int, present: bool, first: int, count: int,
-) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+) -> list[RunScore]:
     """Score a block of runs."""
-    answers = []
-    for truth, outputs in tracked(detector, tracker, seed, present, first, count):
-        away = [
-            np.array([np.hypot(*(item.state[POS] - state[POS])) for item in output.confirmed])
-            for state, output in zip(truth, outputs)]
-        nearest = np.array([np.min(each, initial=np.inf) for each in away])
-        hit = nearest <= GATE_M
-        false = np.array([len(each) for each in away]) - hit
-        answers.append((hit, false, np.where(hit, nearest, np.nan)**2))
-    return answers
+    return [score_run(truth, outputs)
+            for truth, outputs in tracked(detector, tracker, seed, present, first, count)]
 
 
 def tracked(
@@ -162,10 +180,3 @@ def in_blocks(pool: Executor, work: Any, runs: int) -> list[Any]:
     firsts = range(0, runs, BLOCK)
     blocks = pool.map(work, firsts, [min(BLOCK, runs - first) for first in firsts])
     return [answer for block in blocks for answer in block]
-
-
-def interval(shares: np.ndarray, rng: np.random.Generator) -> tuple[float, float, float]:
-    """Return the mean and its 95 % interval, by a bootstrap over runs."""
-    draws = shares[rng.integers(len(shares), size=(1000, len(shares)))].mean(axis=1)
-    low, high = np.quantile(draws, [0.025, 0.975])
-    return float(shares.mean()), float(low), float(high)

@@ -1,149 +1,213 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Compare the tracker with Stone Soup's PDA and multi-model particle filter.
+Compare the tracker with Stone Soup's on the same detections of one object that comes and goes.
 
-Both get the same detections and the same model: modes, Markov chain, process noise, detection
-probability, clutter density, measurement noise and births.  Stone Soup runs
-``MultiTargetExpectedLikelihoodParticleFilter`` with ``MultiModelPredictor``,
-``MultiModelParticleUpdater`` and ``PDA``.  It estimates no existence probability: its tracks count
-as confirmed from their n-th frame with a detection, for several n, and are deleted after five
-frames without one.
+Stone Soup estimates no existence probability: its tracks count as confirmed from their n-th frame
+with a detection, for several n, and are deleted after five frames without one.  For each n our
+tracker is confirmed at the existence probability with which it has at most as many false tracks.
 
 Where several tracks hit an object, the error is that of the oldest, because the nearest of many
-would be near by chance.  A second comparison runs the filters alone, on one track that neither
-deletes.
+would be near by chance.  GOSPA has cutoff 5 m and order 2.  A second comparison runs the particle
+filters alone, on one track that neither deletes.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable
 from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
-from dataclasses import field
 from dataclasses import replace
-import datetime
 from pathlib import Path
 import time
 from typing import Any
 
 from lowsnr_common.core.motion import POS
+from lowsnr_common.settings.node_settings import Evaluation
+from lowsnr_eval.scoring import metrics
 from lowsnr_sensor.scenario import load_scenario
 from lowsnr_track.detection_model import DetectionModel
-from lowsnr_track.measurements import screen
 from lowsnr_track.pda_mmpf import PdaMmpf
-from lowsnr_track.tracks import start_tracks
 import numpy as np
-from stonesoup.base import Property
-from stonesoup.dataassociator.probability import PDA
-from stonesoup.deleter.time import UpdateTimeStepsDeleter
-from stonesoup.hypothesiser.probability import PDAHypothesiser
-from stonesoup.initiator import Initiator
-from stonesoup.models.measurement.linear import LinearGaussian
-from stonesoup.models.transition.linear import CombinedLinearGaussianTransitionModel
-from stonesoup.models.transition.linear import ConstantVelocity
-from stonesoup.models.transition.linear import KnownTurnRate
-from stonesoup.predictor.particle import MultiModelPredictor
-from stonesoup.tracker.particle import MultiTargetExpectedLikelihoodParticleFilter
+from scipy.special import expit
 from stonesoup.tracker.particle import SingleTargetExpectedLikelihoodParticleFilter
-from stonesoup.types.array import StateVectors
-from stonesoup.types.detection import Detection
-from stonesoup.types.state import MultiModelParticleState
-from stonesoup.types.track import Track
-from stonesoup.types.update import Update
-from stonesoup.updater.particle import MultiModelParticleUpdater
+from stonesoup_trackers import Frames
+from stonesoup_trackers import joint_pda
+from stonesoup_trackers import mean_of
+from stonesoup_trackers import particle_filter
+from stonesoup_trackers import updates
 import tracker_model as model
+from tracker_scores import GATE_M
 
 SCENARIO = Path(__file__).resolve().parents[1] / 'config' / 'scenarios' / 'random.yaml'
-GATE_M = 1.5
 CLUTTER = 0.5 / 400  # half a false detection a frame
 CONFIRMED_AFTER = (2, 3, 4, 5)
-START = datetime.datetime(2000, 1, 1)
+PARTICLES = 10_000  # of both particle filters
+CUTOFF_M = Evaluation().gospa_cutoff_m
+# Existence probabilities at which our tracks are confirmed, the lowest first.
+CONFIRM = expit(np.linspace(-5.0, 15.0, 201))
+TRACKER = PdaMmpf(rows=20, cols=20, detection=DetectionModel(
+    clutter_density=CLUTTER, clutter_memory_frames=0, use_scores=False))
 
 
-@dataclass
-class Score:
-    """Error of the oldest track that hits, NaN for none, in each frame; number of false tracks."""
+@dataclass(frozen=True)
+class Shown:
+    """
+    A track of a frame.
 
-    away: list[float] = field(default_factory=list)
-    nearest: list[float] = field(default_factory=list)
-    false: int = 0
-    present: int = 0
+    ``evidence`` is its existence probability, or the number of its detections; ``age`` is larger
+    for a younger one.
+    """
 
-    def add(self, truth: np.ndarray | None, tracks: list[np.ndarray]) -> None:
-        """Score the positions of the tracks of one frame, oldest first."""
-        away = [] if truth is None else [float(np.hypot(*(track - truth))) for track in tracks]
-        hits = [distance for distance in away if distance <= GATE_M]
-        self.away.append(hits[0] if hits else np.nan)
-        self.nearest.append(min(hits, default=np.nan))
-        self.false += len(tracks) - bool(hits)
-        self.present += truth is not None
-
-    def figures(self, other: 'Score') -> dict[str, float]:
-        """Return P_D, false tracks a frame, and RMSE over frames that both hit."""
-        both = np.isfinite(self.away) & np.isfinite(other.away)
-        rmse, nearest = (
-            float(np.sqrt(np.mean(np.array(away)[both]**2)))
-            for away in (self.away, self.nearest))
-        return {
-            'pd': float(np.isfinite(self.away).sum() / self.present),
-            'false_tracks': self.false / len(self.away), 'rmse_m': rmse,
-            'rmse_nearest_m': nearest}
+    name: str
+    age: int
+    evidence: float
+    position: np.ndarray
 
 
-def compare(runs: int, seed: int, particles: int) -> dict[str, Any]:
-    """Run both on the same detections, frame by frame in turn; times are CPU milliseconds."""
-    tracker = PdaMmpf(
-        particles=particles, rows=20, cols=20, detection=DetectionModel(
-            clutter_density=CLUTTER, clutter_memory_frames=0, use_scores=False))
-    ours, theirs = Score(), {count: Score() for count in CONFIRMED_AFTER}
-    times = np.array([
-        pair for run in range(runs)
-        for pair in race(tracker, np.random.default_rng([seed, 4, run]), ours, theirs)])
-    medians, means = np.median(times, axis=0), np.mean(times, axis=0)
+@dataclass(frozen=True)
+class Run:
+    """Truth (None for absent), tracks of ours and of Stone Soup, and CPU times (K, 2) [ms]."""
+
+    truth: list[np.ndarray | None]
+    ours: list[list[Shown]]
+    theirs: list[list[Shown]]
+    times_ms: np.ndarray
+
+
+def compare(
+    runs: int, seed: int, particles: int,
+    make: Callable[[PdaMmpf, list[np.ndarray], np.random.Generator], Frames],
+) -> dict[str, Any]:
+    """Run both on the same detections, frame by frame in turn."""
+    tracker = replace(TRACKER, particles=particles)
+    raced = [race(tracker, make, np.random.default_rng([seed, 4, run])) for run in range(runs)]
+    times = np.concatenate([run.times_ms for run in raced])
+    ours = [scores(raced, 'ours', confirm, 0.3) for confirm in CONFIRM]
+    rng = np.random.default_rng([seed, 10])
+    pairs = {}
+    for count in CONFIRMED_AFTER:
+        theirs = scores(raced, 'theirs', count, count)
+        mine = next(one for one in ours if one['false'].sum() <= theirs['false'].sum())
+        pairs[str(count)] = paired(mine, theirs, rng)
+    middle = np.median(times, axis=0)
     return {
-        'runs': runs, 'particles': particles, 'confirmed_after': {
-            str(count): {'ours': ours.figures(score), 'stone_soup': score.figures(ours)}
-            for count, score in theirs.items()},
-        'median_ms': medians.tolist(), 'mean_ms': means.tolist(),
-        'median_ratio': float(medians[1] / medians[0]), 'mean_ratio': float(means[1] / means[0])}
+        'runs': runs, 'particles': particles, 'confirmed_after': pairs,
+        'median_ms': middle.tolist(), 'median_ratio': float(middle[1] / middle[0])}
 
 
 def race(
-    tracker: PdaMmpf, rng: np.random.Generator, ours: Score, theirs: dict[int, Score],
-) -> Iterator[tuple[float, float]]:
-    """Run one scene and score it; yield the CPU milliseconds of both in each frame."""
+    tracker: PdaMmpf,
+    make: Callable[[PdaMmpf, list[np.ndarray], np.random.Generator], Frames],
+    rng: np.random.Generator,
+) -> Run:
+    """Run both on one scene, frame by frame in turn."""
     np.random.seed(rng.integers(2**31))  # noqa: NPY002  (Stone Soup draws from it)
     truth, frames = scene(tracker, rng)
-    other, memory = iter(stone_soup(tracker, frames, rng)), tracker.init()
+    other, memory = iter(make(tracker, frames, rng)), tracker.init()
+    run = Run(truth, [], [], np.zeros((len(frames), 2)))
     birth: dict[str, int] = {}
-    for k, (position, detections) in enumerate(zip(truth, frames)):
+    for k, detections in enumerate(frames):
         start = time.process_time()
         records = [model.as_record(z) for z in detections]
         memory, output = tracker.step(memory, records, k + 1.0, rng)
         middle = time.process_time()
         _, tracks = next(other)
-        yield 1e3 * (middle - start), 1e3 * (time.process_time() - middle)
-        ours.add(position, [item.state[POS] for item in output.confirmed])
-        for track in tracks:
-            birth.setdefault(track.id, len(birth))
-        for count, score in theirs.items():
-            chosen = [track for track in tracks if updates(track) >= count]
-            chosen.sort(key=lambda track: birth[track.id])
-            score.add(position, [mean_of(track)[POS] for track in chosen])
+        run.times_ms[k] = 1e3 * (middle - start), 1e3 * (time.process_time() - middle)
+        run.ours.append([
+            Shown(item.id, int(item.id), item.score, item.state[POS])
+            for item in output.confirmed + output.tentative])
+        run.theirs.append([
+            Shown(track.id, birth.setdefault(track.id, len(birth)), updates(track),
+                  mean_of(track)[POS]) for track in tracks])
+    return run
 
 
-def compare_alone(runs: int, seed: int, particles: int) -> dict[str, Any]:
-    """Run both filters on one track, born from the object's first detection."""
-    tracker = replace(model.MODEL, particles=particles)
+def scores(
+    runs: Sequence[Run], whose: str, confirm: float, release: float,
+) -> dict[str, np.ndarray]:
+    """
+    Score the tracks that are confirmed by this evidence, and released below another.
+
+    Returns
+    -------
+    dict of (runs, frames) ndarray
+        ``away``, distance of the oldest track that hits, NaN for none; number of ``false`` tracks;
+        whether the object is ``present``; ``gospa`` [m].
+
+    """
+    found = [list(_score(run, getattr(run, whose), confirm, min(release, confirm)))
+             for run in runs]
+    names = ('away', 'false', 'present', 'gospa')
+    return dict(zip(names, np.moveaxis(np.array(found, dtype=float), -1, 0)))
+
+
+def _score(
+    run: Run, tracks: list[list[Shown]], confirm: float, release: float,
+) -> Iterator[tuple[float, int, bool, float]]:
+    confirmed: set[str] = set()
+    for position, frame in zip(run.truth, tracks):
+        shown = sorted(
+            (item for item in frame
+             if item.evidence >= (release if item.name in confirmed else confirm)),
+            key=lambda item: item.age)
+        confirmed = {item.name for item in shown}
+        places = np.reshape([item.position for item in shown], (-1, 2))
+        objects = np.reshape([] if position is None else position, (-1, 2))
+        distance = metrics.distances(objects, places)
+        hits = distance[distance <= GATE_M]
+        yield (hits[0] if hits.size else np.nan, len(shown) - bool(hits.size),
+               position is not None, metrics.gospa(distance, CUTOFF_M))
+
+
+def paired(
+    ours: dict[str, np.ndarray], theirs: dict[str, np.ndarray], rng: np.random.Generator,
+) -> dict[str, Any]:
+    """Return figures of both, and ours against theirs with its 95 % interval over runs."""
+    both = np.isfinite(ours['away']) & np.isfinite(theirs['away'])
+    draw = rng.integers(len(both), size=(1000, len(both)))
+    squared = [np.where(both, one['away'], 0.0)**2 for one in (ours, theirs)]
+    present = ours['present'].sum(axis=1)
+    hits = [np.isfinite(one['away']).sum(axis=1) for one in (ours, theirs)]
+    gospa = [one['gospa'].sum(axis=1) for one in (ours, theirs)]
+
+    def bounds(figure: Callable[[Any], np.ndarray]) -> tuple[float, float, float]:
+        drawn = figure(lambda each: each[draw].sum(axis=1))
+        return (float(figure(np.sum)), *np.quantile(drawn, [0.025, 0.975]).tolist())
+
+    return {
+        'pd': [float(each.sum() / present.sum()) for each in hits],
+        'false': [float(one['false'].mean()) for one in (ours, theirs)],
+        'gospa_m': [float(one['gospa'].mean()) for one in (ours, theirs)],
+        'rmse_m': [float(np.sqrt(each[both].mean())) for each in squared],
+        'pd_gain': bounds(lambda add: add(hits[0] - hits[1]) / add(present)),
+        'gospa_ratio': bounds(lambda add: add(gospa[0]) / add(gospa[1])),
+        'rmse_ratio': bounds(lambda add: np.sqrt(
+            add(squared[0].sum(axis=1)) / add(squared[1].sum(axis=1))))}
+
+
+def against_particle_filter(runs: int, seed: int) -> dict[str, Any]:
+    """Compare with the PDA and its multi-model particle filter, with as many particles."""
+    return compare(runs, seed, PARTICLES, particle_filter)
+
+
+def against_joint_pda(runs: int, seed: int) -> dict[str, Any]:
+    """Compare with the JPDA and its Kalman filters, with our default of particles."""
+    return compare(runs, seed, TRACKER.particles, lambda *scene: joint_pda(*scene[:2]))
+
+
+def compare_alone(runs: int, seed: int) -> dict[str, Any]:
+    """Run both particle filters on one track, born from the object's first detection."""
+    tracker = replace(model.MODEL, particles=PARTICLES)
     ours, theirs = [], []
     for run in range(runs):
         rng = np.random.default_rng([seed, 8, run])
         np.random.seed(rng.integers(2**31))  # noqa: NPY002
         states, frames = model.simulate(tracker, 20, True, rng)
         ours.append(model.follow(tracker, states, frames, True, rng).error)
-        other = stone_soup(
+        other = particle_filter(
             tracker, frames, rng, SingleTargetExpectedLikelihoodParticleFilter, 10**6)
         means = [mean_of(next(iter(tracks))) for _, tracks in other]
         theirs.append(states - np.array(means))
-    found: dict[str, Any] = {'runs': runs, 'particles': particles}
+    found: dict[str, Any] = {'runs': runs, 'particles': PARTICLES}
     for name, axes in (('position', [0, 2]), ('velocity', [1, 3])):
         squared = np.array([[np.sum(error[:, axes]**2) for error in part]
                             for part in (ours, theirs)])
@@ -172,71 +236,3 @@ def scene(
         truth.append(position)
         frames.append(np.clip(found, -0.5, 19.499))
     return truth, frames
-
-
-def stone_soup(
-    tracker: PdaMmpf, frames: list[np.ndarray], rng: np.random.Generator,
-    kind: type = MultiTargetExpectedLikelihoodParticleFilter, silence: int = 5,
-) -> Iterable[tuple[datetime.datetime, set[Track]]]:
-    """Return Stone Soup's tracker with our settings; ``silence`` frames delete a track."""
-    motion, detection = tracker.motion, tracker.detection
-    density = motion.acceleration_density
-    models = [
-        KnownTurnRate([density, density], np.deg2rad(rate)) if rate else
-        CombinedLinearGaussianTransitionModel([ConstantVelocity(density)] * 2)
-        for rate in motion.turn_rates_deg_s]
-    measurement = LinearGaussian(4, (0, 2), model.NOISE)
-    predictor = MultiModelPredictor(
-        models, motion.mode_transition(1.0), [[0, 1, 2, 3]] * motion.count)
-    updater = MultiModelParticleUpdater(measurement, predictor)
-    hypothesiser = PDAHypothesiser(
-        predictor, updater, clutter_spatial_density=detection.clutter_density,
-        prob_detect=detection.probability, prob_gate=detection.gate_probability)
-    steps: Iterable[tuple[datetime.datetime, set[Track]]] = kind(
-        Birth(tracker, rng), UpdateTimeStepsDeleter(silence), arrivals(frames, measurement),
-        PDA(hypothesiser), updater)
-    return steps
-
-
-def arrivals(
-    frames: list[np.ndarray], measurement: LinearGaussian,
-) -> Iterator[tuple[datetime.datetime, set[Detection]]]:
-    """Yield time and detections of each frame in Stone Soup's types."""
-    for k, positions in enumerate(frames):
-        stamp = START + datetime.timedelta(seconds=k + 1)
-        yield stamp, {
-            Detection(z[:, None], timestamp=stamp, measurement_model=measurement)
-            for z in positions}
-
-
-class Birth(Initiator):
-    """Start a track from every unassociated detection, with particles as in our tracker."""
-
-    settings: PdaMmpf = Property(doc='tracker whose birth model is used')
-    rng: np.random.Generator = Property(doc='source of randomness')
-
-    def initiate(
-        self, detections: set[Detection], timestamp: datetime.datetime, **kwargs: object,
-    ) -> set[Track]:
-        """Return a track for each detection."""
-        return {self._track(detection, timestamp) for detection in detections}
-
-    def _track(self, detection: Detection, timestamp: datetime.datetime) -> Track:
-        position = np.asarray(detection.state_vector, dtype=float).ravel()
-        measured, _ = screen([model.as_record(position)], np.full(2, np.inf), 1.0)
-        count = self.settings.particles
-        particles = start_tracks(
-            measured, np.ones(1), 0, self.settings.motion, count, self.rng).particles
-        return Track([MultiModelParticleState(
-            StateVectors(particles.states[0].T), weight=np.full(count, 1.0 / count),
-            dynamic_model=particles.modes[0], timestamp=timestamp)])
-
-
-def mean_of(track: Track) -> np.ndarray:
-    """Return the mean state of a track, (4,)."""
-    return np.asarray(track.mean, dtype=float).ravel()
-
-
-def updates(track: Track) -> int:
-    """Return the number of frames with a detection of the track."""
-    return 1 + sum(isinstance(state, Update) for state in track.states)

@@ -15,6 +15,7 @@ from lowsnr_eval.scoring.final_summary import summarize
 from lowsnr_eval.scoring.final_summary import write_summary
 from lowsnr_eval.scoring.run_scoring import RunScorer
 from lowsnr_eval.scoring.run_scoring import TRUTH
+from lowsnr_eval.track_metrics import run_metrics
 from lowsnr_eval.track_metrics.chain_metrics import ChainMetrics
 from lowsnr_eval.track_metrics.existence_calibration import ExistenceCalibration
 from lowsnr_eval.track_metrics.metrics_table import format_metrics
@@ -89,6 +90,16 @@ def test_metrics_from_the_tables_are_those_of_the_frames(run):
     assert found['frames'] == FRAMES
     assert found == directly(range(1, FRAMES + 1))
     assert found['siap']['completeness'] == pytest.approx((FRAMES + 7) / (3 * FRAMES))
+
+
+def test_metrics_that_take_long_show_their_progress(run, capsys, monkeypatch):
+    metrics_of(run)
+    assert capsys.readouterr().err == ''
+    monkeypatch.setattr(run_metrics, '_DELAY_S', 0.0)
+    metrics_of(run)
+    first, *_, last = capsys.readouterr().err.splitlines()
+    assert first == f'metrics of tracks: 0 of {FRAMES} frames'
+    assert last.startswith(f'metrics of tracks: {FRAMES} of {FRAMES} frames, ')
 
 
 def test_truth_is_in_pixels_with_escaped_names(run):

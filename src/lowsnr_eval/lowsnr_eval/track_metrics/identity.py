@@ -72,6 +72,8 @@ class Identities:
             and frame.distance[rows[name], columns[track]] <= self._gate_m}
         left = [n for name, n in rows.items() if name not in pairs]
         free = [n for name, n in columns.items() if name not in pairs.values()]
+        if not left or not free:
+            return pairs
         found = metrics.match_within_gate(frame.distance[np.ix_(left, free)], self._gate_m)
         return pairs | {
             frame.object_ids[left[row]]: frame.track_ids[free[column]]

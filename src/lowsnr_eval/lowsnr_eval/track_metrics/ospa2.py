@@ -105,7 +105,8 @@ class WindowedOspa2:
         self, paths: dict[str, np.ndarray], at: int, ids: Sequence[str], positions: np.ndarray,
     ) -> None:
         """Replace the oldest frame of the paths of a set; forget who is in no other."""
-        here = {name: place for name, place in zip(ids, positions) if np.isfinite(place).all()}
+        known = np.isfinite(positions).all(axis=1)
+        here = {name: place for name, place, is_known in zip(ids, positions, known) if is_known}
         for name in paths.keys() - here.keys():
             paths[name][at] = np.nan
             if np.isnan(paths[name]).all():

@@ -11,6 +11,7 @@ from typing import Any
 
 from lowsnr_bringup.plan.graph import build
 from lowsnr_bringup.run import results_folder as files
+from lowsnr_bringup.run.progress import progress
 from lowsnr_common.settings.node_settings import Evaluation
 from lowsnr_common.settings.text import one_line
 from lowsnr_eval.scoring.entry_tables import Entry
@@ -23,6 +24,9 @@ from lowsnr_eval.scoring.score_tables import read_frames
 from lowsnr_eval.track_metrics.chain_metrics import ChainMetrics
 from lowsnr_eval.track_metrics.track_frame import TrackFrame
 import numpy as np
+
+# Metrics that take less time show no progress [s].
+_DELAY_S = 1.0
 
 
 class RunMetrics:
@@ -101,8 +105,11 @@ def _add(folder: Path, summary: dict[str, Any]) -> None:
     chains = summary['detectors']
     metrics = RunMetrics(
         folder, [*chains], build(Evaluation, summary['evaluation'], str(folder)))
-    for scores in read_frames(folder / files.FRAMES_FILE, [*chains]):
-        metrics.add(scores)
+    frames = summary['frames']['scored'] + summary['frames']['unanswered']
+    with progress('metrics of tracks', frames, 'frames', delay_s=_DELAY_S, leave=False) as advance:
+        for scores in read_frames(folder / files.FRAMES_FILE, [*chains]):
+            metrics.add(scores)
+            advance(1)
     for name, figures in chains.items():
         figures['track_metrics'] = metrics.figures(name)
 

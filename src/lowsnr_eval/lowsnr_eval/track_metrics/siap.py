@@ -87,7 +87,8 @@ class Siap:
                 ('objects', len(frame.object_ids)), ('tracked', len(names)),
                 ('tracks', len(frame.track_ids)), ('assigned', len(assigned))):
             self._counts[key] += count
-        self._end_lives(self._objects.keys() - set(frame.object_ids))
+        if gone := self._objects.keys() - set(frame.object_ids):
+            self._end_lives(gone)
         for number, name in enumerate(frame.object_ids):
             known = self._objects.setdefault(name, _Continuity(frame.stamp_s, frame.stamp_s))
             known.add(frame.stamp_s, frozenset(names.get(number, ())))
