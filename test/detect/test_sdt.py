@@ -154,3 +154,26 @@ def test_with_a_destination_the_best_of_all_paths_counts(rng, arrival):
 def test_destination_needs_the_move_prior():
     with pytest.raises(ValueError, match='SDT.move_prior'):
         SDT(destination=Destination(probability=0.5))
+
+
+@pytest.mark.parametrize('snr_db', [6.0, 9.0])
+def test_stated_error_of_a_position_is_that_of_simulated_objects(snr_db):
+    rng, runs, shape = np.random.default_rng(5), 400, (15, 13)
+    detector = SDT(sensor=SensorModel(snr_db=snr_db), threshold={6.0: 8.1, 9.0: 12.5}[snr_db])
+    start, velocity = rng.uniform(4.5, 7.5, (runs, 2)), rng.uniform(-0.5, 0.5, (runs, 2))
+    frames, objects = rng.standard_normal((runs, 7, *shape)), []
+    for k in range(7):
+        objects.append(start + k * velocity)
+        col, row = np.rint(objects[-1]).astype(int).T
+        frames[np.arange(runs), k, row, col] += detector.sensor.intensity
+    last = declare_all(detector, frames)[-1]
+    errors = last.state[..., [0, 2]] - objects[-1][:, None]
+    # The nearest one; the others beside the object are false.
+    errors = np.nan_to_num(errors, nan=np.inf)
+    away = np.hypot(*np.moveaxis(errors, -1, 0))
+    nearest, near = away.argmin(axis=1), away.min(axis=1) <= 3.0
+    squared = np.mean(errors[near, nearest[near]]**2, axis=-1)
+    stated = np.nanmax(last.cov[..., 0, 0])
+    # Four standard errors, and a tenth for the rule, which is fitted at four ratios.
+    assert len(squared) > 100
+    assert abs(squared.mean() - stated) < 4 * squared.std() / len(squared)**0.5 + 0.1 * stated
