@@ -11,12 +11,14 @@ from collections.abc import Iterator
 import contextlib
 import os
 from pathlib import Path
+import signal
 import statistics
 import struct
 import sys
 import tempfile
 import time
 from typing import Any
+from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [
@@ -25,15 +27,25 @@ sys.path[:0] = [
 
 import _environment  # noqa: E402
 
-DOMAIN = 97
 TOPIC = '/camera/image_raw'
 # Different frames, which are published in turn.
 SCENES = 16
 # Frames that count begin so long after the first answer [s].
 SETTLED_S = 2.0
 NANO = 1_000_000_000
+INTERRUPTED = 130
 # Share of two processors that nodes may take: a third is left to the camera and others.
 GOAL = 2.0 * 2.0 / 3.0
+
+
+class Stream(NamedTuple):
+    """What became of the frames that count."""
+
+    first_s: float  # from when bring-up has found the camera to its first answer
+    counted: int
+    spent_ms: list[float]  # from frame to track, of every frame that was answered, ascending
+    frame_ms: dict[str, float]  # processor time of each node for a frame
+    said: str  # what bring-up printed
 
 
 def main() -> int:
@@ -48,33 +60,49 @@ def main() -> int:
     parser.add_argument('--no-record', action='store_true', help='record no bag of the frames')
     options = parser.parse_args()
     _environment.ensure()
-    os.environ |= {'ROS_DOMAIN_ID': str(DOMAIN), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
-    with camera(options) as (publish, answered), graph(options) as run:
-        sent, before = stream(publish, answered, run, options)
-        if run.process.poll() is not None:
-            sys.exit(run.finish()[2])
-        found = (run.results / 'parameters.yaml').stat().st_mtime
-        after = cpu_s(run)
-    answers = {stamp: at for stamp, at in answered.items() if stamp in sent}
-    first = min(answers.values(), default=float('nan'))
-    counted = [stamp for stamp in sent if stamp / NANO > first + SETTLED_S][:-1]
-    spent = sorted(1e3 * (answers[stamp] - sent[stamp]) for stamp in counted if stamp in answers)
-    print(f'camera found to first answer: {first - found:.2f} s')
-    print(f'unanswered: {len(counted) - len(spent)} of {len(counted)} frames')
+    from graph_runs import enter_own_domain
+    enter_own_domain()
+    found = measure(
+        options.side, options.rate, options.seconds, options.detector, not options.no_record)
+    spent, frame_ms = found.spent_ms, found.frame_ms
+    print(found.said)
+    print(f'camera found to first answer: {found.first_s:.2f} s')
+    print(f'unanswered: {found.counted - len(spent)} of {found.counted} frames')
     if len(spent) > 1:
         print(f'frame to track: {statistics.median(spent):.1f} ms (median), '
               f'{statistics.quantiles(spent, n=100)[98]:.1f} ms (99 %)')
-    frame_ms = {
-        name: 1e3 * (used - before.get(name, 0.0)) / max(len(counted), 1)
-        for name, used in after.items()}
     print(f'processor time a frame: {sum(frame_ms.values()):.1f} ms ('
           + ', '.join(f'{name} {spent_ms:.1f}' for name, spent_ms in frame_ms.items())
           + f'), goal {1e3 * GOAL / options.rate:.0f} ms')
     return 0
 
 
+def measure(side: int, rate_hz: float, seconds: float, detector: str, record: bool) -> Stream:
+    """Run a graph on a camera for so long after its start."""
+    with camera() as (publish, answered), graph(detector, record) as run:
+        sent, before = stream(publish, answered, run, side, rate_hz, seconds)
+        if run.process.poll() is not None:
+            raise RuntimeError(run.finish()[2])
+        found = (run.results / 'parameters.yaml').stat().st_mtime
+        after = cpu_s(run)
+        run.process.send_signal(signal.SIGINT)
+        code, said, err = run.finish()
+    if code != INTERRUPTED:
+        raise RuntimeError(err)
+    answers = {stamp: at for stamp, at in answered.items() if stamp in sent}
+    if not answers:
+        raise RuntimeError('no frame was answered')
+    first = min(answers.values())
+    counted = [stamp for stamp in sent if stamp / NANO > first + SETTLED_S][:-1]
+    return Stream(
+        first - found, len(counted),
+        sorted(1e3 * (answers[stamp] - sent[stamp]) for stamp in counted if stamp in answers),
+        {name: 1e3 * (used - before.get(name, 0.0)) / max(len(counted), 1)
+         for name, used in after.items()}, said)
+
+
 @contextlib.contextmanager
-def camera(options: Any) -> Iterator[tuple[Any, dict[int, float]]]:
+def camera() -> Iterator[tuple[Any, dict[int, float]]]:
     """Yield a publisher of the frames, and the times at which tracks of stamps [ns] arrived."""
     import threading
 
@@ -110,36 +138,32 @@ def camera(options: Any) -> Iterator[tuple[Any, dict[int, float]]]:
 
 
 @contextlib.contextmanager
-def graph(options: Any) -> Iterator[Any]:
-    """Start the graph on the camera, recorded unless told otherwise; end it as Ctrl-C does."""
-    import signal
-
+def graph(detector: str, record: bool) -> Iterator[Any]:
+    """Start the graph on the camera; it ends with the block."""
+    from graph_runs import own_domain
     from graph_runs import start_bringup
 
     with tempfile.TemporaryDirectory() as folder, start_bringup(
             Path(folder) / 'run', '--camera', TOPIC, '--camera-within', '60', '--detector',
-            options.detector, '--snr', '8',
-            *([] if options.no_record else ['--record', str(Path(folder) / 'bag')]),
-            domain_id=DOMAIN) as run:
+            detector, '--snr', '8', *(['--record', str(Path(folder) / 'bag')] if record else []),
+            domain_id=own_domain()) as run:
         yield run
-        run.process.send_signal(signal.SIGINT)
-        print(run.finish()[1])
 
 
 def stream(
-    publish: Any, answered: dict[int, float], run: Any, options: Any,
+    publish: Any, answered: dict[int, float], run: Any, side: int, rate_hz: float, seconds: float,
 ) -> tuple[dict[int, float], dict[str, float]]:
     """
     Publish frames until the graph has answered for so long.
 
     Return when, by stamp [ns], and the processor times of the nodes when frames begin to count.
     """
-    messages = frames(options.side)
+    messages = frames(side)
     sent: dict[int, float] = {}
     before: dict[str, float] = {}
-    start, until = time.time(), time.time() + 60.0 + options.seconds
+    start, until = time.time(), time.time() + 60.0 + seconds
     while time.time() < until:
-        time.sleep(max(0.0, start + len(sent) / options.rate - time.time()))
+        time.sleep(max(0.0, start + len(sent) / rate_hz - time.time()))
         now = time.time()
         data = messages[len(sent) % SCENES]
         struct.pack_into('<iI', data, 4, *divmod(stamp := int(now * NANO), NANO))
@@ -147,7 +171,7 @@ def stream(
         publish(bytes(data))
         if answered:
             settled = min(answered.values()) + SETTLED_S
-            until = min(until, settled + options.seconds)
+            until = min(until, settled + seconds)
             if not before and now > settled:
                 before = cpu_s(run)
     return sent, before
@@ -183,4 +207,4 @@ if __name__ == '__main__':
     try:
         sys.exit(main())
     except KeyboardInterrupt:
-        sys.exit(130)
+        sys.exit(INTERRUPTED)

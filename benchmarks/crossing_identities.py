@@ -9,56 +9,40 @@ swap where a track goes over to another object, and its identities are kept wher
 followed by one track alone and no track changes its object.
 """
 
-import argparse
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
-from functools import partial
-import os
 from pathlib import Path
 import sys
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / 'scripts'))
+import tracked_runs
 
-import _environment  # noqa: E402
+ROOT = Path(__file__).resolve().parents[1]
 
 
 def main() -> int:
     """Track, count, print; return the exit code."""
-    parser = argparse.ArgumentParser(
-        description=__doc__.strip().partition('\n')[0], allow_abbrev=False)
-    parser.add_argument('--scenario', default='three_crossing', help='(three_crossing)')
-    parser.add_argument(
-        '--detector', nargs='+', default=['sdt', 'separate'], help='(sdt separate)')
-    parser.add_argument('--snr', type=float, nargs='+', default=[12.0], help='[dB] (12)')
-    parser.add_argument('--runs', type=int, default=200, help='runs of each (200)')
-    parser.add_argument('--seed', type=int, default=0, help='seed of the first run (0)')
-    parser.add_argument('--processes', type=int, default=2, help='processes (2)')
-    options = parser.parse_args()
-    _environment.ensure()
-    os.environ |= {'OMP_NUM_THREADS': '1', 'OPENBLAS_NUM_THREADS': '1'}
+    options = tracked_runs.parser(
+        __doc__, 'three_crossing', ['sdt', 'separate'], 12.0, 200).parse_args()
+    for title, found in tracked_runs.measured(metrics_of, options):
+        show(title, found)
+    return 0
+
+
+def show(title: str, found: list[dict[str, Any]]) -> None:
+    """Print the shares of runs with a swap and with all identities, and means over the runs."""
     from lowsnr_eval.scoring.metrics import wilson_interval
     import numpy as np
 
-    seeds = range(options.seed, options.seed + options.runs)
-    for detector in options.detector:
-        for snr_db in options.snr:
-            with ProcessPoolExecutor(options.processes) as pool:
-                found = list(pool.map(
-                    partial(metrics_of, options.scenario, detector, snr_db), seeds))
-            swapped = sum(each['identity_swaps'] > 0 for each in found)
-            kept = sum(each['identity_swaps'] + each['identity_switches'] == 0 for each in found)
-            print(f'{options.scenario}, {detector}, {snr_db:g} dB, {len(found)} runs, '
-                  f'seed {options.seed}')
-            for what, count in (('with a swap', swapped), ('all identities kept', kept)):
-                low, high = wilson_interval(count, len(found)) or (0.0, 1.0)
-                print(f'  {what:<20} {count / len(found):.3f} [{low:.3f}, {high:.3f}]')
-            for what in ('identity_switches', 'identity_swaps', 'track_purity', 'ospa2_m'):
-                print(f'  {what:<20} {np.mean([each[what] for each in found]):.3f} a run')
-            completeness = np.mean([each['siap']['completeness'] for each in found])
-            print(f'  {"completeness":<20} {completeness:.3f}', flush=True)
-    return 0
+    swapped = sum(each['identity_swaps'] > 0 for each in found)
+    kept = sum(each['identity_swaps'] + each['identity_switches'] == 0 for each in found)
+    print(title)
+    for what, count in (('with a swap', swapped), ('all identities kept', kept)):
+        low, high = wilson_interval(count, len(found)) or (0.0, 1.0)
+        print(f'  {what:<20} {count / len(found):.3f} [{low:.3f}, {high:.3f}]')
+    for what in ('identity_switches', 'identity_swaps', 'track_purity', 'ospa2_m'):
+        print(f'  {what:<20} {np.mean([each[what] for each in found]):.3f} a run')
+    completeness = np.mean([each['siap']['completeness'] for each in found])
+    print(f'  {"completeness":<20} {completeness:.3f}', flush=True)
 
 
 def metrics_of(scenario: str, detector: str, snr_db: float, seed: int) -> dict[str, Any]:

@@ -22,18 +22,18 @@ bootstrap over runs.
 
 import argparse
 from concurrent.futures import ProcessPoolExecutor
-import csv
 from dataclasses import replace
 import math
 from pathlib import Path
 import sys
 from typing import Any
 
-from detector_table import BLOCK
-from detector_table import bootstrap
-from detector_table import build
-from detector_table import declared
-from detector_table import Method
+from detector_runs import bootstrap
+from detector_runs import build
+from detector_runs import declared
+from detector_runs import matched
+from detector_runs import Method
+from detector_runs import write_rows
 from detector_table import METHODS
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -73,22 +73,19 @@ def main() -> int:
     chosen = [method for method in METHODS if method.label in options.method]
     tasks = [(method, peak_db, speed, options.runs, options.seed, options.calibration_runs)
              for peak_db in PEAK_SNRS_DB for speed in SPEEDS for method in chosen]
-    rows = []
     with ProcessPoolExecutor(options.processes) as pool:
-        for row in pool.map(measure, *zip(*tasks)):
-            rows.append(row)
-            print('{method:>17} {peak_snr_db:5g} dB {speed}  overall {overall:.2f} '
-                  '[{overall_low:.2f}, {overall_high:.2f}]  instantaneous {instantaneous:.3f} '
-                  '[{instantaneous_low:.3f}, {instantaneous_high:.3f}]  rms {rms:.2f}  '
-                  'false tracks {false_tracks:.2f} of {false_length:.1f} frames  '
-                  '{frame_ms:.2f} ms'.format(**row), flush=True)
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    with options.out.open('w', newline='', encoding='utf-8') as file:
-        writer = csv.DictWriter(file, FIELDS)
-        writer.writeheader()
-        writer.writerows(rows)
-    print(f'written to {options.out}')
+        write_rows(options.out, FIELDS, pool.map(measure, *zip(*tasks)), line)
     return 0
+
+
+def line(row: dict[str, Any]) -> str:
+    """Return a row as it is printed."""
+    return (
+        '{method:>17} {peak_snr_db:5g} dB {speed}  overall {overall:.2f} '
+        '[{overall_low:.2f}, {overall_high:.2f}]  instantaneous {instantaneous:.3f} '
+        '[{instantaneous_low:.3f}, {instantaneous_high:.3f}]  rms {rms:.2f}  '
+        'false tracks {false_tracks:.2f} of {false_length:.1f} frames  '
+        '{frame_ms:.2f} ms'.format(**row))
 
 
 def measure(
@@ -97,26 +94,21 @@ def measure(
 ) -> dict[str, Any]:
     """Return the row of a method."""
     from lowsnr_common.core.measurement import SensorModel
-    from lowsnr_detect.calibration.operating_point import calibrated
-    import numpy as np
 
     # Of the energy, whose ratio to that of the peak is pi b^2 for an object in mid-cell.
     snr_db = peak_snr_db + 10.0 * math.log10(math.pi * BLUR_CELLS**2)
     scenario, sensor = scene(snr_db, SPEEDS[speed]), SensorModel(
         snr_db=snr_db, blur_m=BLUR_CELLS)
-    plain = build(method, sensor, scenario.objects[0].random)
-    detector = replace(plain, threshold=calibrated(
-        plain, 0.01, SHAPE, runs=calibration_runs).threshold)
-    truth, found, spent_s = zip(*(
-        declared(detector, scenario, sensor, seed, first, min(BLOCK, runs - first))
-        for first in range(0, runs, BLOCK)))
-    scores = figures(np.concatenate(truth), np.concatenate(found))
+    detector, _ = matched(
+        build(method, sensor, scenario.objects[0].random), SHAPE, calibration_runs)
+    truth, found, spent_s = declared(detector, scenario, sensor, runs, seed)
+    scores = figures(truth, found)
     overall, instantaneous = scores['overall'], scores['instantaneous']
     return dict(zip(FIELDS, (
         method.label, peak_snr_db, speed, overall.mean(), *bootstrap(overall, seed),
         instantaneous.mean(), *bootstrap(instantaneous, seed), scores['rms'],
         scores['false_tracks'], scores['false_length'],
-        1e3 * sum(spent_s) / (runs * scenario.frames), runs, calibration_runs, seed)))
+        1e3 * spent_s / (runs * scenario.frames), runs, calibration_runs, seed)))
 
 
 def scene(snr_db: float, speed: float) -> Any:

@@ -10,7 +10,7 @@ together for both.
 """
 
 import argparse
-import csv
+from collections.abc import Iterator
 from pathlib import Path
 import sys
 from typing import Any
@@ -19,13 +19,14 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'scripts'))
 
 import _environment  # noqa: E402
-from detector_table import bootstrap  # noqa: E402
+from detector_runs import bootstrap  # noqa: E402
+from detector_runs import BOOTSTRAPS  # noqa: E402
+from detector_runs import Method  # noqa: E402
+from detector_runs import write_rows  # noqa: E402
 from detector_table import FIGURES  # noqa: E402
-from detector_table import Method  # noqa: E402
 from detector_table import scored  # noqa: E402
 
 SNRS_DB = (3.0, 6.0)
-BOOTSTRAPS = 1000
 METHODS = (
     Method('hmm order 1', 'hmm', {'order': 1}),
     Method('hmm order 2', 'hmm'),
@@ -60,39 +61,30 @@ def main() -> int:
     parser.add_argument('--out', type=Path, default=ROOT / 'results' / 'decision_table.csv')
     options = parser.parse_args()
     _environment.ensure()
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    with options.out.open('w', newline='', encoding='utf-8') as file:
-        writer = csv.DictWriter(file, FIELDS)
-        writer.writeheader()
-        for method in (method for method in METHODS if method.label in options.method):
-            for snr_db in options.snr:
-                for row in measure(
-                        method, snr_db, options.runs, options.seed, options.calibration_runs):
-                    print(line(row), flush=True)
-                    writer.writerow(row)
-    print(f'written to {options.out}')
+    write_rows(options.out, FIELDS, (
+        row for method in METHODS if method.label in options.method for snr_db in options.snr
+        for row in measure(
+            method, snr_db, options.runs, options.seed, options.calibration_runs)), line)
     return 0
 
 
 def measure(
     method: Method, snr_db: float, runs: int, seed: int, calibration_runs: int,
-) -> list[dict[str, Any]]:
-    """Return a row for every rule of a method."""
-    rows: list[dict[str, Any]] = []
+) -> Iterator[dict[str, Any]]:
+    """Yield a row for every rule of a method."""
     base: Any = None
     for rule, settings in RULES.items():
         ruled = Method(method.label, method.detector, method.settings | settings)
         scores, alarms, found, frame_ms = scored(ruled, snr_db, runs, seed, calibration_runs)
         base = scores if base is None else base
         low, high = bootstrap(alarms, seed)
-        rows.append({
+        yield {
             'method': method.label, 'snr_db': snr_db, 'rule': rule,
             **dict(zip(FIGURES, scores.mean(axis=0))),
             **dict(zip(CHANGES, changes(scores, base, seed))), 'empty_rate': alarms.mean(),
             'empty_low': low, 'empty_high': high, 'threshold': found.threshold,
             'frame_ms': frame_ms, 'runs': runs, 'calibration_runs': calibration_runs,
-            'seed': seed})
-    return rows
+            'seed': seed}
 
 
 def changes(scores: Any, base: Any, seed: int) -> list[float]:

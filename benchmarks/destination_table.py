@@ -13,28 +13,28 @@ bootstrap over whole runs; a gain is P_D minus that without a destination on the
 """
 
 import argparse
-import csv
+from collections.abc import Iterator
 from dataclasses import fields
 from dataclasses import replace
 from pathlib import Path
 import sys
 from typing import Any
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from lowsnr_detect.parts.detector import Detector
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'scripts'))
 
 import _environment  # noqa: E402
-from detector_table import bootstrap  # noqa: E402
-from detector_table import build  # noqa: E402
+from detector_runs import bootstrap  # noqa: E402
+from detector_runs import build  # noqa: E402
+from detector_runs import declared  # noqa: E402
+from detector_runs import empty_alarms  # noqa: E402
+from detector_runs import matched  # noqa: E402
+from detector_runs import Method  # noqa: E402
+from detector_runs import within_gate  # noqa: E402
+from detector_runs import write_rows  # noqa: E402
 from detector_table import FRAMES  # noqa: E402
-from detector_table import Method  # noqa: E402
 
 SNRS_DB = (3.0, 6.0, 9.0)
-BLOCK = 20
 ARRIVAL = 35
 # The destination and its standard deviation [m], and its probability in the detectors.
 PLACE = (15.0, 14.0)
@@ -73,29 +73,25 @@ def main() -> int:
     parser.add_argument('--out', type=Path, default=ROOT / 'results' / 'destination_table.csv')
     options = parser.parse_args()
     _environment.ensure()
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    with options.out.open('w', newline='', encoding='utf-8') as file:
-        writer = csv.DictWriter(file, FIELDS)
-        writer.writeheader()
-        for method in (method for method in METHODS if method.label in options.method):
-            for snr_db in options.snr:
-                for row in measure(method, snr_db, options):
-                    print('{method:>16} {snr_db:5g} dB  {destination:>12}  '
-                          'P_D {pd:.3f} [{pd_low:.3f}, {pd_high:.3f}]  '
-                          'gain {gain:+.3f} [{gain_low:+.3f}, {gain_high:+.3f}]  '
-                          'empty {empty_rate:.4f}'.format(**row), flush=True)
-                    writer.writerow(row)
-                    file.flush()
-    print(f'written to {options.out}')
+    write_rows(options.out, FIELDS, (
+        row for method in METHODS if method.label in options.method for snr_db in options.snr
+        for row in measure(method, snr_db, options)), line)
     return 0
 
 
-def measure(method: Method, snr_db: float, options: argparse.Namespace) -> list[dict[str, Any]]:
+def line(row: dict[str, Any]) -> str:
+    """Return a row as it is printed."""
+    return (
+        '{method:>16} {snr_db:5g} dB  {destination:>12}  P_D {pd:.3f} [{pd_low:.3f}, '
+        '{pd_high:.3f}]  gain {gain:+.3f} [{gain_low:+.3f}, {gain_high:+.3f}]  '
+        'empty {empty_rate:.4f}'.format(**row))
+
+
+def measure(
+    method: Method, snr_db: float, options: argparse.Namespace,
+) -> Iterator[dict[str, Any]]:
     """Calibrate every variant of a method and score all on the same runs."""
     from lowsnr_common.core.measurement import SensorModel
-    from lowsnr_detect.calibration.empty_frames import empty_frame_peaks
-    from lowsnr_detect.calibration.empty_frames import Simulation
-    from lowsnr_detect.calibration.operating_point import calibrated
     from lowsnr_sensor.scenario import load_scenario
 
     scenario = load_scenario(ROOT / 'config' / 'scenarios' / 'random.yaml')
@@ -104,23 +100,20 @@ def measure(method: Method, snr_db: float, options: argparse.Namespace) -> list[
     motion = replace(item.random, turn_rates_deg_s=(0.0, options.turn, -options.turn))
     scenario = replace(scenario, objects=(replace(item, random=motion),))
     sensor = SensorModel(snr_db=snr_db)
-    rows, plain = [], None
+    plain = None
     for destination, settings in told(method.detector).items():
-        detector = build(
-            replace(method, settings=method.settings | settings), sensor, motion)
-        found = calibrated(detector, 0.01, scenario.shape, runs=options.calibration_runs)
-        detector = replace(detector, threshold=found.threshold)
-        hits = all_hits(detector, scenario, sensor, options.runs, options.seed)
+        detector, found = matched(
+            build(replace(method, settings=method.settings | settings), sensor, motion),
+            scenario.shape, options.calibration_runs)
+        places = declared(detector, scenario, sensor, options.runs, options.seed, simulate)[:2]
+        hits = within_gate(*places).any(axis=-1)[:, FRAMES].mean(axis=1)
         plain = hits if plain is None else plain
-        # Other noise than that of the calibration.
-        empty = empty_frame_peaks(detector, Simulation(
-            options.runs, scenario.frames, scenario.shape, options.seed + 1_000_003))
-        rows.append(dict(zip(FIELDS, (
+        empty = empty_alarms(detector, scenario, options.runs, options.seed)
+        yield dict(zip(FIELDS, (
             method.label, snr_db, destination, hits.mean(), *bootstrap(hits, options.seed),
             (hits - plain).mean(), *bootstrap(hits - plain, options.seed),
-            (empty > found.threshold).mean(), found.threshold, *found.interval,
-            options.turn, options.runs, options.calibration_runs, options.seed))))
-    return rows
+            empty.mean(), found.threshold, *found.interval,
+            options.turn, options.runs, options.calibration_runs, options.seed)))
 
 
 def told(name: str) -> dict[str, dict[str, Any]]:
@@ -145,24 +138,6 @@ def bound_for(place: tuple[float, float] | None) -> dict[str, Any]:
     values = {'probability': PROBABILITY, 'x_m': place[0], 'y_m': place[1], 'std_m': STD,
               'arrival_frame': ARRIVAL}
     return {f'destination.{key}': value for key, value in values.items()}
-
-
-def all_hits(detector: 'Detector', scenario: Any, sensor: Any, runs: int, seed: int) -> Any:
-    """Return the fraction of scored frames with a hit, for each run."""
-    from lowsnr_common.settings.node_settings import Evaluation
-    from lowsnr_eval.study.offline_chain import detect
-    import numpy as np
-
-    fractions = []
-    for first in range(0, runs, BLOCK):
-        truth, frames = zip(*(
-            simulate(scenario, sensor, seed, run)
-            for run in range(first, min(runs, first + BLOCK))))
-        (answers,) = detect([detector], np.stack(frames), seed, first)
-        states = np.stack([declared.state for declared in answers], axis=1)[:, FRAMES, :, ::2]
-        away = np.linalg.norm(states - np.stack(truth)[:, FRAMES, None, ::2], axis=-1)
-        fractions.append(np.any(away <= Evaluation().gate_m, axis=-1).mean(axis=1))
-    return np.concatenate(fractions)
 
 
 def simulate(scenario: Any, sensor: Any, seed: int, run: int) -> tuple[Any, Any]:

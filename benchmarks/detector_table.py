@@ -15,15 +15,9 @@ mean GOSPA metric of all frames, with the gate as its cutoff, and ``frame_ms`` C
 
 import argparse
 from concurrent.futures import ProcessPoolExecutor
-import csv
-from dataclasses import dataclass
-from dataclasses import field
-from dataclasses import fields
-from dataclasses import replace
 from pathlib import Path
 from statistics import NormalDist
 import sys
-import time
 from typing import Any
 from typing import TYPE_CHECKING
 
@@ -35,29 +29,24 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'scripts'))
 
 import _environment  # noqa: E402
+from detector_runs import bootstrap  # noqa: E402
+from detector_runs import build  # noqa: E402
+from detector_runs import declared  # noqa: E402
+from detector_runs import empty_alarms  # noqa: E402
+from detector_runs import matched  # noqa: E402
+from detector_runs import Method  # noqa: E402
+from detector_runs import within_gate  # noqa: E402
+from detector_runs import write_rows  # noqa: E402
 
 FRAMES = slice(9, 35)
 PRESENT, AFTER = slice(4, 35), slice(35, 40)
 SNRS_DB = (1.0, 3.0, 6.0, 7.6, 9.0, 12.0, 15.0)
 WANTED = 0.9
-BLOCK = 20
-BOOTSTRAPS = 1000
 FIELDS = (
     'method', 'snr_db', 'pd', 'pd_low', 'pd_high', 'empty_rate', 'empty_low', 'empty_high',
     'threshold', 'threshold_low', 'threshold_high', 'beside', 'ghosts', 'delay', 'gospa',
     'frame_ms', 'runs', 'calibration_runs', 'seed')
 FIGURES = ('pd', 'beside', 'ghosts', 'delay', 'gospa')
-
-
-@dataclass(frozen=True)
-class Method:
-    """A registered detector with its settings."""
-
-    label: str
-    detector: str
-    settings: dict[str, Any] = field(default_factory=dict)
-
-
 METHODS = (
     Method('cdt', 'cdt'),
     *(Method(f'sdt s_m={most}', 'sdt', {'max_iterations': most}) for most in (3, 5, 8)),
@@ -96,23 +85,19 @@ def main() -> int:
     chosen = [method for method in METHODS if method.label in options.method]
     tasks = [(m, snr, options.runs, options.seed, options.calibration_runs)
              for snr in options.snr for m in chosen]
-    rows = []
     with ProcessPoolExecutor(options.processes) as pool:
-        for row in pool.map(measure, *zip(*tasks)):
-            rows.append(row)
-            print('{method:>16} {snr_db:5g} dB  P_D {pd:.3f} [{pd_low:.3f}, {pd_high:.3f}]  '
-                  'empty {empty_rate:.4f} [{empty_low:.4f}, {empty_high:.4f}]  '
-                  'threshold {threshold:.2f}  beside {beside:.3f}  ghosts {ghosts:.2f}  '
-                  'delay {delay:.1f}  gospa {gospa:.3f}  {frame_ms:.2f} ms'.format(**row),
-                  flush=True)
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    with options.out.open('w', newline='', encoding='utf-8') as file:
-        writer = csv.DictWriter(file, FIELDS)
-        writer.writeheader()
-        writer.writerows(rows)
+        rows = write_rows(options.out, FIELDS, pool.map(measure, *zip(*tasks)), line)
     print_table(rows, chosen, options.snr)
-    print(f'written to {options.out}')
     return 0
+
+
+def line(row: dict[str, Any]) -> str:
+    """Return a row as it is printed."""
+    return (
+        '{method:>16} {snr_db:5g} dB  P_D {pd:.3f} [{pd_low:.3f}, {pd_high:.3f}]  '
+        'empty {empty_rate:.4f} [{empty_low:.4f}, {empty_high:.4f}]  '
+        'threshold {threshold:.2f}  beside {beside:.3f}  ghosts {ghosts:.2f}  '
+        'delay {delay:.1f}  gospa {gospa:.3f}  {frame_ms:.2f} ms'.format(**row))
 
 
 def measure(
@@ -137,69 +122,23 @@ def scored(
     (runs,), the calibration, and the CPU time of a frame [ms].
     """
     from lowsnr_common.core.measurement import SensorModel
-    from lowsnr_detect.calibration.empty_frames import empty_frame_peaks
-    from lowsnr_detect.calibration.empty_frames import Simulation
-    from lowsnr_detect.calibration.operating_point import calibrated
     from lowsnr_sensor.scenario import load_scenario
-    import numpy as np
 
     scenario = load_scenario(ROOT / 'config' / 'scenarios' / 'random.yaml')
     sensor = SensorModel(snr_db=snr_db)
-    plain = build(method, sensor, scenario.objects[0].random)
-    found = calibrated(plain, 0.01, scenario.shape, runs=calibration_runs)
-    detector = replace(plain, threshold=found.threshold)
-    scores, spent_s = zip(*(
-        block_scores(detector, scenario, sensor, seed, first, min(BLOCK, runs - first))
-        for first in range(0, runs, BLOCK)))
-    # Other noise than that of the calibration.
-    empty = empty_frame_peaks(
-        detector, Simulation(runs, scenario.frames, scenario.shape, seed + 1_000_003))
-    return (np.concatenate(scores), (empty > found.threshold).mean(axis=1), found,
-            1e3 * sum(spent_s) / (runs * scenario.frames))
+    detector, found = matched(
+        build(method, sensor, scenario.objects[0].random), scenario.shape, calibration_runs)
+    scores, spent_s = run_scores(detector, scenario, sensor, runs, seed)
+    alarms = empty_alarms(detector, scenario, runs, seed)
+    return scores, alarms, found, 1e3 * spent_s / (runs * scenario.frames)
 
 
-def build(method: Method, sensor: Any, motion: Any) -> 'Detector':
-    """Return the detector of a method, with the motion if it has a motion model."""
-    from lowsnr_common.settings.flat_values import build_settings
-    from lowsnr_common.settings.flat_values import flat_values
-    from lowsnr_detect.parts.registry import detector_class
-
-    cls = detector_class(method.detector)
-    values = {f'sensor.{key}': value for key, value in flat_values(sensor).items()}
-    if any(item.name == 'motion' for item in fields(cls)):
-        values |= {f'motion.{key}': value for key, value in flat_values(motion).items()
-                   if not (key == 'turn_rates_deg_s' and method.detector in ('tbd1', 'tbd2'))}
-    return build_settings(cls, values | method.settings)
-
-
-def block_scores(
-    detector: 'Detector', scenario: Any, sensor: Any, seed: int, first: int, count: int,
+def run_scores(
+    detector: 'Detector', scenario: Any, sensor: Any, runs: int, seed: int,
 ) -> tuple[Any, float]:
-    """Return the figures of each run of a block (count, figures), and the time of detection."""
-    truth, found, spent_s = declared(detector, scenario, sensor, seed, first, count)
+    """Return the figures of each run (runs, figures), and the time of detection [s]."""
+    truth, found, spent_s = declared(detector, scenario, sensor, runs, seed)
     return figures(truth, found), spent_s
-
-
-def declared(
-    detector: 'Detector', scenario: Any, sensor: Any, seed: int, first: int, count: int,
-) -> tuple[Any, Any, float]:
-    """
-    Run a detector on a block of simulated runs.
-
-    Returns positions of the object (count, K, 2) and of the declarations (count, K, D, 2), as
-    :func:`figures` takes them, and the CPU time [s].
-    """
-    from lowsnr_eval.study.experiment import simulate_run
-    from lowsnr_eval.study.offline_chain import detect
-    import numpy as np
-
-    truth, frames = map(np.stack, zip(*(
-        simulate_run(scenario, sensor, seed, run) for run in range(first, first + count))))
-    start = time.process_time()
-    (answers,) = detect([detector], frames, seed, first)
-    spent_s = time.process_time() - start
-    found = np.stack([answer.state[..., ::2] for answer in answers], axis=1)
-    return truth[..., ::2], found, spent_s
 
 
 def figures(truth: Any, found: Any) -> Any:
@@ -216,9 +155,10 @@ def figures(truth: Any, found: Any) -> Any:
 
     gate = Evaluation().gate_m
     used = np.isfinite(found[..., 0])
-    away = np.linalg.norm(found - truth[:, :, None], axis=-1)
-    hit = np.any(away <= gate, axis=-1)
-    beside = np.sum(away > gate, axis=-1)[:, PRESENT].mean(axis=1)
+    near = within_gate(truth, found)
+    hit = near.any(axis=-1)
+    there = np.isfinite(truth[:, :, None, 0])
+    beside = np.sum(used & there & ~near, axis=-1)[:, PRESENT].mean(axis=1)
     ghosts = used.any(axis=-1)[:, AFTER].mean(axis=1)
     while_there = hit[:, PRESENT]
     delay = np.where(
@@ -228,16 +168,6 @@ def figures(truth: Any, found: Any) -> Any:
                  for here, there, present in zip(true[:, None], states, slots)])
         for true, states, slots in zip(truth, found, used)]
     return np.stack([hit[:, FRAMES].mean(axis=1), beside, ghosts, delay, cost], axis=1)
-
-
-def bootstrap(fractions: Any, seed: int) -> tuple[float, float]:
-    """Return the 95 % interval of the mean, drawing whole runs."""
-    import numpy as np
-
-    rng = np.random.default_rng(seed)
-    means = fractions[rng.integers(len(fractions), size=(BOOTSTRAPS, len(fractions)))].mean(axis=1)
-    low, high = np.quantile(means, (0.025, 0.975))
-    return float(low), float(high)
 
 
 def print_table(rows: list[dict[str, Any]], methods: list[Method], snrs: list[float]) -> None:

@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from graph_runs import GraphRun
     import numpy as np
 
-DOMAIN = 97
 NODES = ('sensor_node', 'detector_node', 'tracker_node', 'evaluator_node')
 BACK_WITHIN_S = {'detector_node': 2.0, 'tracker_node': 2.0}
 KILLS_A_NODE = 3
@@ -54,7 +53,6 @@ def main() -> int:
     import numpy as np
 
     rng = np.random.default_rng(options.seed)
-    os.environ |= {'ROS_DOMAIN_ID': str(DOMAIN), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
     found: Times = defaultdict(list)
     kinds = [kind for kind in KINDS if kind != 'clock set back' or shutil.which('cc')]
     done = number = 0
@@ -72,6 +70,7 @@ def main() -> int:
 def kill_all(kind: str, folder: Path, times: int, rng: 'np.random.Generator',
              found: Times) -> None:
     """Start a graph, kill each of its nodes a few times in random order, and end it."""
+    from graph_runs import own_domain
     from graph_runs import start_bringup
     from host_faults import HostFaults
 
@@ -84,7 +83,7 @@ def kill_all(kind: str, folder: Path, times: int, rng: 'np.random.Generator',
     try:
         with start_bringup(
                 folder / 'run', '--detector', 'cdt', '--scenario', str(scenario), '--loop',
-                *arguments, domain_id=DOMAIN) as run:
+                *arguments, domain_id=own_domain()) as run:
             run.wait_for_rows(20)
             for hours in (24, 0):
                 if host is not None:

@@ -23,11 +23,11 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT / 'scripts'), str(ROOT / 'benchmarks')]
 
 import _environment  # noqa: E402
-from detector_table import BLOCK  # noqa: E402
-from detector_table import block_scores  # noqa: E402
-from detector_table import bootstrap  # noqa: E402
-from detector_table import build  # noqa: E402
+from detector_runs import build  # noqa: E402
+from detector_runs import empty_alarms  # noqa: E402
+from detector_runs import with_interval  # noqa: E402
 from detector_table import METHODS  # noqa: E402
+from detector_table import run_scores  # noqa: E402
 
 SENSORS: dict[str, dict[str, Any]] = {
     'gaussian': {},
@@ -44,8 +44,6 @@ SENSORS: dict[str, dict[str, Any]] = {
     'k swerling2': {'noise.model': 'k', 'fluctuation': 'swerling2'},
 }
 LABELS = ('sdt s_m=8', 'cusum', 'hmm order 1', 'hmm order 2')
-# Runs on other noise than that of the calibration.
-_OTHER = 1_000_003
 
 
 def main() -> int:
@@ -91,9 +89,8 @@ def measure(name: str, label: str, snr_db: float, runs: int, seed: int) -> str:
     frames = Frames(known, actual, scenario, runs, seed)
     hits, alarms, _ = scored(method, known, frames)
     other, _, transferred = scored(method, plain, frames)
-    return (f'| {name} | {label} | {with_interval(hits, seed)} | {with_interval(alarms, seed)} | '
-            f'{with_interval(other, seed)} | {with_interval(hits - other, seed)} | '
-            f'{transferred:.3f} |')
+    cells = [with_interval(each, seed, 4) for each in (hits, alarms, other, hits - other)]
+    return f'| {name} | {label} | {" | ".join(cells)} | {transferred:.3f} |'
 
 
 @dataclass(frozen=True)
@@ -114,26 +111,17 @@ def scored(method: Any, design: Any, frames: Frames) -> tuple[Any, Any, float]:
     Return the fractions of hits and of empty frames with a declaration in every run, and that of
     empty frames with the threshold for the noise of the likelihood.
     """
-    from lowsnr_detect.calibration.empty_frames import empty_frame_peaks
-    from lowsnr_detect.calibration.empty_frames import Simulation
     from lowsnr_detect.calibration.operating_point import calibrate
-    import numpy as np
 
     scenario, runs, seed = frames.scenario, frames.runs, frames.seed
     own = build(method, design, scenario.objects[0].random)
     calibrated = replace(own, sensor=mismatched(design, frames.known))
     at = [calibrate(each, 0.01, scenario.shape).threshold for each in (calibrated, own)]
-    detector = replace(own, sensor=mismatched(design, frames.actual))
-    simulation = Simulation(runs, scenario.frames, scenario.shape, seed + _OTHER)
-    alarms, transferred = (
-        (empty_frame_peaks(replace(detector, threshold=one), simulation) > one).mean(axis=1)
-        for one in at)
-    detector = replace(detector, threshold=at[0])
-    blocks = [
-        block_scores(detector, scenario, frames.actual, seed, first, min(BLOCK, runs - first))
-        for first in range(0, runs, BLOCK)]
-    hits = np.concatenate([scores[:, 0] for scores, _ in blocks])
-    return hits, alarms, float(transferred.mean())
+    detectors = [replace(own, sensor=mismatched(design, frames.actual), threshold=one)
+                 for one in at]
+    alarms, transferred = (empty_alarms(each, scenario, runs, seed) for each in detectors)
+    scores, _ = run_scores(detectors[0], scenario, frames.actual, runs, seed)
+    return scores[:, 0], alarms, float(transferred.mean())
 
 
 def mismatched(design: Any, actual: Any) -> Any:
@@ -161,12 +149,6 @@ def learned() -> list[float]:
     sensor = SensorModel(noise=Noise(model='student_t'))
     return list(learned_quantiles(
         sensor.draw_noise((2500, 20, 20), np.random.default_rng(7))))
-
-
-def with_interval(values: Any, seed: int) -> str:
-    """Return a mean with its interval."""
-    low, high = bootstrap(values, seed)
-    return f'{values.mean():.4f} [{low:.4f}, {high:.4f}]'
 
 
 if __name__ == '__main__':

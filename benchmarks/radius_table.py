@@ -11,23 +11,22 @@ the median over frames, as a ratio to radius 1, for the 20 x 20 cells of the exa
 """
 
 import argparse
-import csv
-from dataclasses import replace
+from collections.abc import Iterator
 from pathlib import Path
 import sys
 import time
 from typing import Any
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from lowsnr_detect.parts.detector import Detector
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'scripts'))
 
 import _environment  # noqa: E402
-from detector_table import BLOCK  # noqa: E402
-from detector_table import bootstrap  # noqa: E402
+from detector_runs import bootstrap  # noqa: E402
+from detector_runs import declared  # noqa: E402
+from detector_runs import empty_alarms  # noqa: E402
+from detector_runs import matched  # noqa: E402
+from detector_runs import within_gate  # noqa: E402
+from detector_runs import write_rows  # noqa: E402
 
 SNRS_DB = (3.0, 6.0, 9.0, 12.0)
 DEPTHS = (3, 5, 8)
@@ -50,27 +49,29 @@ def main() -> int:
     parser.add_argument('--out', type=Path, default=ROOT / 'results' / 'radius_table.csv')
     options = parser.parse_args()
     _environment.ensure()
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    with options.out.open('w', newline='', encoding='utf-8') as file:
-        writer = csv.DictWriter(file, FIELDS)
-        writer.writeheader()
-        for depth in DEPTHS:
-            ratio = time_ratio(depth, 20, 1000, options.seed)
-            ratio_256 = time_ratio(depth, 256, 40, options.seed)
-            for snr_db in options.snr:
-                for radius in (1, 2):
-                    row = measure(depth, radius, snr_db, options) | {
-                        'time_ratio': ratio if radius == 2 else 1.0,
-                        'time_ratio_256': ratio_256 if radius == 2 else 1.0}
-                    print('s_m={max_iterations} radius={radius} {snr_db:4g} dB  '
-                          'fast {fast:.3f} [{fast_low:.3f}, {fast_high:.3f}]  '
-                          'slow {slow:.3f} [{slow_low:.3f}, {slow_high:.3f}]  '
-                          'empty {empty_rate:.4f}  time {time_ratio:.2f}, '
-                          '{time_ratio_256:.2f}'.format(**row),
-                          flush=True)
-                    writer.writerow(row)
-    print(f'written to {options.out}')
+    write_rows(options.out, FIELDS, rows(options), line)
     return 0
+
+
+def rows(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
+    """Yield a row for both radii at every number of frames and SNR."""
+    for depth in DEPTHS:
+        ratio = time_ratio(depth, 20, 1000, options.seed)
+        ratio_256 = time_ratio(depth, 256, 40, options.seed)
+        for snr_db in options.snr:
+            for radius in (1, 2):
+                yield measure(depth, radius, snr_db, options) | {
+                    'time_ratio': ratio if radius == 2 else 1.0,
+                    'time_ratio_256': ratio_256 if radius == 2 else 1.0}
+
+
+def line(row: dict[str, Any]) -> str:
+    """Return a row as it is printed."""
+    return (
+        's_m={max_iterations} radius={radius} {snr_db:4g} dB  '
+        'fast {fast:.3f} [{fast_low:.3f}, {fast_high:.3f}]  '
+        'slow {slow:.3f} [{slow_low:.3f}, {slow_high:.3f}]  empty {empty_rate:.4f}  '
+        'time {time_ratio:.2f}, {time_ratio_256:.2f}'.format(**row))
 
 
 def measure(
@@ -78,46 +79,23 @@ def measure(
 ) -> dict[str, Any]:
     """Calibrate SDT, run it on frames with and without the object, and score it."""
     from lowsnr_common.core.measurement import SensorModel
-    from lowsnr_detect.calibration.empty_frames import empty_frame_peaks
-    from lowsnr_detect.calibration.empty_frames import Simulation
-    from lowsnr_detect.calibration.operating_point import calibrated
     from lowsnr_detect.detectors.sdt import SDT
     from lowsnr_sensor.scenario import load_scenario
 
     scenario = load_scenario(ROOT / 'config' / 'scenarios' / 'example5.yaml')
-    detector = SDT(sensor=SensorModel(snr_db=snr_db), max_iterations=depth, radius=radius)
-    found = calibrated(detector, 0.01, scenario.shape)
-    detector = replace(detector, threshold=found.threshold)
-    hits = all_hits(detector, scenario, options.runs, options.seed)
+    sensor = SensorModel(snr_db=snr_db)
+    detector, found = matched(
+        SDT(sensor=sensor, max_iterations=depth, radius=radius), scenario.shape)
+    places = declared(detector, scenario, sensor, options.runs, options.seed)[:2]
+    hits = within_gate(*places).any(axis=-1)
     slow = hits[:, [k - 1 for k in SLOW]].mean(axis=1)
     last = scenario.objects[0].last_frame
     fast = hits[:, [k - 1 for k in range(FIRST + depth, last + 1) if k not in SLOW]].mean(axis=1)
-    # Other noise than that of the calibration.
-    empty = empty_frame_peaks(detector, Simulation(
-        options.runs, scenario.frames, scenario.shape, options.seed + 1_000_003))
+    empty = empty_alarms(detector, scenario, options.runs, options.seed)
     return dict(zip(FIELDS, (
         depth, radius, snr_db, fast.mean(), *bootstrap(fast, options.seed), slow.mean(),
-        *bootstrap(slow, options.seed), (empty > found.threshold).mean(), found.threshold,
+        *bootstrap(slow, options.seed), empty.mean(), found.threshold,
         *found.interval, None, None, options.runs, options.seed)))
-
-
-def all_hits(detector: 'Detector', scenario: Any, runs: int, seed: int) -> Any:
-    """Return whether there is a hit, (runs, K)."""
-    from lowsnr_common.settings.node_settings import Evaluation
-    from lowsnr_eval.study.experiment import simulate_run
-    from lowsnr_eval.study.offline_chain import detect
-    import numpy as np
-
-    blocks = []
-    for first in range(0, runs, BLOCK):
-        truth, frames = zip(*(
-            simulate_run(scenario, detector.sensor, seed, run)
-            for run in range(first, min(runs, first + BLOCK))))
-        (answers,) = detect([detector], np.stack(frames), seed, first)
-        states = np.stack([declared.state for declared in answers], axis=1)[..., ::2]
-        away = np.linalg.norm(states - np.stack(truth)[:, :, None, ::2], axis=-1)
-        blocks.append(np.any(away <= Evaluation().gate_m, axis=-1))
-    return np.concatenate(blocks)
 
 
 def time_ratio(depth: int, side: int, frames: int, seed: int) -> float:

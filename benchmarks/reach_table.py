@@ -27,7 +27,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'scripts'))
 
 import _environment  # noqa: E402
-from detector_table import bootstrap  # noqa: E402
+from detector_runs import bootstrap  # noqa: E402
 import soft_evidence  # noqa: E402
 
 SHAPE, FRAMES, BLOCK = (20, 20), 40, 20

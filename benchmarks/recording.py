@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from rclpy.publisher import Publisher
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT / 'scripts'), *map(str, sorted((ROOT / 'src').glob('lowsnr*')))]
+sys.path[:0] = [str(ROOT / 'scripts'), str(ROOT / 'test' / 'support'),
+                *map(str, sorted((ROOT / 'src').glob('lowsnr*')))]
 TOPIC = '/image_raw'
-DOMAIN = '96'
 
 
 def parse_arguments() -> argparse.Namespace:
@@ -102,7 +102,8 @@ def main() -> int:
     _environment.ensure()
     options = parse_arguments()
     folder = Path(tempfile.mkdtemp(prefix='recording-', dir=options.folder))
-    os.environ |= {'ROS_DOMAIN_ID': DOMAIN, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+    from graph_runs import enter_own_domain
+    enter_own_domain()
     from lowsnr_bringup.bags.recorded_run import inspect_bag
     from lowsnr_bringup.bags.recording import summarize_recording
     from lowsnr_bringup.run.domain import claim_domain

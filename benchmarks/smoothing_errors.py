@@ -7,45 +7,23 @@ the evaluator scores a run, and smoothed as ``evaluate.py --smooth`` does.  Erro
 squares over the frames of all runs in which a track has an object within 1.5 cells.
 """
 
-import argparse
 from collections.abc import Iterable
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import closing
-from functools import partial
-import os
 from pathlib import Path
 import sys
 from tempfile import TemporaryDirectory
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / 'scripts'))
-
-import _environment  # noqa: E402
+import tracked_runs
 
 KINDS = ('position', 'velocity')
 
 
 def main() -> int:
     """Smooth, add up, print; return the exit code."""
-    parser = argparse.ArgumentParser(
-        description=__doc__.strip().partition('\n')[0], allow_abbrev=False)
-    parser.add_argument('--scenario', default='random', help='(random)')
-    parser.add_argument('--detector', nargs='+', default=['sdt', 'hmm'], help='(sdt hmm)')
-    parser.add_argument('--snr', type=float, default=9.0, help='[dB] (9)')
-    parser.add_argument('--runs', type=int, default=100, help='runs of each (100)')
-    parser.add_argument('--seed', type=int, default=0, help='seed of the first run (0)')
-    parser.add_argument('--processes', type=int, default=2, help='processes (2)')
-    options = parser.parse_args()
-    _environment.ensure()
-    os.environ |= {'OMP_NUM_THREADS': '1', 'OPENBLAS_NUM_THREADS': '1'}
-    seeds = range(options.seed, options.seed + options.runs)
-    for detector in options.detector:
-        with ProcessPoolExecutor(options.processes) as pool:
-            found = list(pool.map(
-                partial(errors_of, options.scenario, detector, options.snr), seeds))
-        show(f'{options.scenario}, {detector}, {options.snr:g} dB, {options.runs} runs, '
-             f'seed {options.seed}', [each for each in found if each['points']])
+    options = tracked_runs.parser(__doc__, 'random', ['sdt', 'hmm'], 9.0, 100).parse_args()
+    for title, found in tracked_runs.measured(errors_of, options):
+        show(title, [each for each in found if each['points']])
     return 0
 
 

@@ -27,7 +27,6 @@ sys.path[:0] = [str(ROOT / 'scripts'), str(ROOT / 'test' / 'support')]
 
 import _environment  # noqa: E402
 
-DOMAIN = 98
 BLOCK = 200
 WARM_UP_S = 60.0
 # Calibrated are runs of 40 frames from a fresh start, of which SDT with s_m = 5 can declare in 36:
@@ -59,13 +58,14 @@ def main() -> int:
     parser.add_argument('--without', nargs='*', default=[], help='kinds of faults to leave out')
     options = parser.parse_args()
     _environment.ensure(dev=True)
-    os.environ |= {'ROS_DOMAIN_ID': str(DOMAIN), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
     from campaign import Campaign
     from graph_client import GraphClient
+    from graph_runs import enter_own_domain
     from graph_runs import start_bringup
     from host_faults import HostFaults
     import numpy as np
 
+    domain = enter_own_domain()
     with tempfile.TemporaryDirectory() as spare:
         folder = options.results or Path(spare) / 'run'
         compiler = shutil.which('cc')
@@ -74,12 +74,12 @@ def main() -> int:
         os.environ |= host.environment if host else {}
         with start_bringup(
                 folder, '--detector', 'sdt', '--scenario', 'empty', '--loop', '--lockstep',
-                domain_id=DOMAIN) as run:
+                domain_id=domain) as run:
             os.environ.clear()
             os.environ |= before
             run.wait_for_rows(200, within_s=600.0)
             soak = Soak()
-            with GraphClient(DOMAIN) as client:
+            with GraphClient(domain) as client:
                 campaign = Campaign(
                     run, client, 'sdt', np.random.default_rng(options.seed),
                     host.set_clock if host else None)

@@ -24,7 +24,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'scripts'))
 
 import _environment  # noqa: E402
-from detector_table import bootstrap  # noqa: E402
+from detector_runs import bootstrap  # noqa: E402
 
 SIDE, OBJECTS, CUTOFF = 256, 5, 4.0
 FRAMES, SCORED = range(40), range(9, 35)

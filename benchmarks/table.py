@@ -1,84 +1,99 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Write a table of the times of detectors and filters, as ratios to the times of references.
+Measure every row of the table of performance, and print it beside its goal.
 
-Every figure is the median CPU time of one thread.  Subject and reference are timed in turn, so
-that both meet the same disturbances of a shared machine.
+Times of the graph are those of a clock on this machine, where other work makes them longer.
+Times of kernels are the median processor time of one thread; a kernel and its reference are timed
+in turn, so that both meet the same disturbances of a shared machine.
 """
 
 import argparse
 import json
+import os
 from pathlib import Path
 import sys
-from typing import Any
 from typing import TYPE_CHECKING
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / 'scripts'))
+sys.path[:0] = [str(ROOT / 'scripts'), str(ROOT / 'test' / 'support')]
 
 import _environment  # noqa: E402
 
 if TYPE_CHECKING:
-    import kernels
+    from rows.row import Measurement
 
-HEADER = (
-    '| what | size | time | a unit | reference | ratio | goal | met |\n'
-    '|---|---|---|---|---|---|---|---|')
+HEADER = '| what | measured | goal | met |\n|---|---|---|---|'
 
 
 def main() -> int:
-    """Time the cases and write the table."""
+    """Measure and print the rows; return 1 where one could not be measured."""
+    options = parse_arguments()
+    _environment.ensure(dev=True)
+    chosen = [each for each in measurements(options.seconds, options.rounds)
+              if options.only.lower() in each.what.lower()]
+    if not chosen:
+        print(f'--only {options.only}: no row has this in its name; --list prints all names',
+              file=sys.stderr)
+        return 2
+    if options.list:
+        print('\n'.join(each.what for each in chosen))
+        return 0
+    from graph_runs import enter_own_domain
+    enter_own_domain()
+    rows, missing = [], 0
+    print(HEADER, flush=True)
+    for each in chosen:
+        row, measured = each.row()
+        rows.append(row)
+        missing += not measured
+        print(row.line(), flush=True)
+    print(f'\n{len(rows)} rows, {sum(row.met is True for row in rows)} meet their goal, '
+          f'{sum(row.met is False for row in rows)} miss it, {missing} not measured; '
+          f'load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores')
+    if options.out:
+        options.out.mkdir(parents=True, exist_ok=True)
+        (options.out / 'table.json').write_text(
+            json.dumps([row._asdict() for row in rows], indent=1), encoding='utf-8')
+        (options.out / 'table.md').write_text(
+            '\n'.join([HEADER, *(row.line() for row in rows), '']), encoding='utf-8')
+    return int(missing > 0)
+
+
+def parse_arguments() -> argparse.Namespace:
+    """Return the options."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter,
-        epilog='example: python benchmarks/table.py --only SDT --out results/kernels')
-    parser.add_argument('--only', default='', help='time the cases whose name contains this')
+        allow_abbrev=False,
+        epilog='example: python benchmarks/table.py --only SDT --out results/table; exit code: 0 '
+        'all rows measured, whether they meet their goals or not, 1 some could not be, which says '
+        'why, 2 no such row')
+    parser.add_argument('--only', default='', help='rows whose name contains this')
+    parser.add_argument('--list', action='store_true', help='print the names of the rows alone')
     parser.add_argument('--out', type=Path, help='write table.md and table.json to this folder')
-    parser.add_argument('--seconds', type=float, default=2.0, help='least time for each case [s]')
-    parser.add_argument('--rounds', type=int, default=7,
-                        help='least number of rounds for each case')
-    given = parser.parse_args()
-    _environment.ensure(dev=True)
-    import kernels
-    rows = []
-    print(HEADER)
-    for case in kernels.cases():
-        if given.only in case.what:
-            timing = kernels.timed(case, given.seconds, given.rounds)
-            rows.append(figures(case, timing))
-            print(line(rows[-1]), flush=True)
-    if given.out:
-        given.out.mkdir(parents=True, exist_ok=True)
-        (given.out / 'table.json').write_text(json.dumps(rows, indent=1), encoding='utf-8')
-        text = '\n'.join([HEADER, *(line(row) for row in rows)])
-        (given.out / 'table.md').write_text(f'{text}\n', encoding='utf-8')
-    return 0
+    parser.add_argument(
+        '--seconds', type=float, default=2.0, help='least time for each kernel [s] (2)')
+    parser.add_argument(
+        '--rounds', type=int, default=7, help='least number of rounds for each kernel (7)')
+    return parser.parse_args()
 
 
-def figures(case: 'kernels.Case', timing: 'kernels.Timing') -> dict[str, Any]:
-    """Return the row of a case: its times, its ratio, and whether it meets its goal."""
-    ratio, unit_ns = timing.subject / timing.reference, 1e9 * timing.subject / case.count
-    goal, met = '', None
-    if case.goal is not None:
-        goal = f'{1 / case.goal:,.0f} times faster' if case.faster else f'ratio {case.goal:g}'
-        met = ratio <= case.goal
-    if case.goal_ns is not None:
-        goal, met = f'{case.goal_ns:g} ns', unit_ns <= case.goal_ns
-    return {
-        'what': case.what, 'size': case.size, 'subject_s': timing.subject,
-        'reference': case.reference, 'reference_s': timing.reference, 'ratio': ratio,
-        'unit': case.unit, 'unit_ns': unit_ns, 'goal': goal, 'met': met}
+def measurements(seconds: float, rounds: int) -> list['Measurement']:
+    """Return all rows before they are measured, with the options of the kernels."""
+    from rows import calibration_rows
+    from rows import camera_rows
+    from rows import chain_rows
+    from rows import graph_rows
+    from rows import host_rows
+    from rows import kernel_rows
 
-
-def line(row: dict[str, Any]) -> str:
-    """Return a row of the table in Markdown."""
-    ratio = row['ratio']
-    shown = f'{ratio:.2f}' if ratio > 0.1 else f'1 / {1 / ratio:,.0f}'
-    met = {True: 'yes', False: 'no', None: ''}[row['met']]
-    return (
-        f"| {row['what']} | {row['size']} | {1e3 * row['subject_s']:.3g} ms "
-        f"| {row['unit_ns']:.3g} ns/{row['unit']} | {row['reference']} | {shown} "
-        f"| {row['goal']} | {met} |")
+    return [
+        *graph_rows.measurements(), *chain_rows.measurements(), *camera_rows.measurements(),
+        *host_rows.measurements(), *calibration_rows.measurements(),
+        *kernel_rows.measurements(seconds, rounds)]
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit(130)

@@ -9,7 +9,6 @@ Scenario, scored frames and intervals are those of detector_table.py.
 """
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 import sys
 from typing import Any
@@ -18,11 +17,11 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT / 'scripts'), str(ROOT / 'benchmarks')]
 
 import _environment  # noqa: E402
-from detector_table import BLOCK  # noqa: E402
-from detector_table import block_scores  # noqa: E402
-from detector_table import bootstrap  # noqa: E402
-from detector_table import build  # noqa: E402
+from detector_runs import build  # noqa: E402
+from detector_runs import matched  # noqa: E402
+from detector_runs import with_interval  # noqa: E402
 from detector_table import METHODS  # noqa: E402
+from detector_table import run_scores  # noqa: E402
 
 LABELS = ('sdt s_m=5', 'cusum', 'hmm order 2')
 DESIGNS_DB = (6.0, 9.0)
@@ -50,33 +49,21 @@ def main() -> int:
                     hits(method, snr, design + offset, options.runs, options.seed)
                     for snr in (design, design + offset))
                 print(f'| {label} | {design:g} dB | {design + offset:g} dB | '
-                      f'{with_interval(found, options.seed)} | {own.mean():.3f} | '
-                      f'{with_interval(found - own, options.seed)} |', flush=True)
+                      f'{with_interval(found, options.seed, 3)} | {own.mean():.3f} | '
+                      f'{with_interval(found - own, options.seed, 3)} |', flush=True)
     return 0
 
 
 def hits(method: Any, design_db: float, object_db: float, runs: int, seed: int) -> Any:
     """Return the fraction of scored frames with a hit, for each run; paired over the designs."""
     from lowsnr_common.core.measurement import SensorModel
-    from lowsnr_detect.calibration.operating_point import calibrated
     from lowsnr_sensor.scenario import load_scenario
-    import numpy as np
 
     scenario = load_scenario(ROOT / 'config' / 'scenarios' / 'random.yaml')
-    detector = build(method, SensorModel(snr_db=design_db), scenario.objects[0].random)
-    threshold = calibrated(detector, 0.01, scenario.shape).threshold
-    detector = replace(detector, threshold=threshold)
-    blocks = [
-        block_scores(detector, scenario, SensorModel(snr_db=object_db), seed, first,
-                     min(BLOCK, runs - first))
-        for first in range(0, runs, BLOCK)]
-    return np.concatenate([scores[:, 0] for scores, _ in blocks])
-
-
-def with_interval(values: Any, seed: int) -> str:
-    """Return a mean with its interval."""
-    low, high = bootstrap(values, seed)
-    return f'{values.mean():.3f} [{low:.3f}, {high:.3f}]'
+    detector, _ = matched(
+        build(method, SensorModel(snr_db=design_db), scenario.objects[0].random), scenario.shape)
+    scores, _ = run_scores(detector, scenario, SensorModel(snr_db=object_db), runs, seed)
+    return scores[:, 0]
 
 
 if __name__ == '__main__':

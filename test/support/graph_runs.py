@@ -21,7 +21,7 @@ from typing import Self
 
 ROOT = Path(__file__).resolve().parents[2]
 BRINGUP = ROOT / 'scripts' / 'bringup.py'
-# Domains for tests, away from those that people and benchmarks use.  Their ports lie below those
+# Domains for tests and benchmarks, away from those that people use.  Their ports lie below those
 # that the system gives to sockets that ask for any.
 _DOMAINS = range(51, 97)
 # Generous, because the other tests that run at the same time take the cores too.
@@ -43,7 +43,7 @@ def graph_environment(domain_id: int) -> dict[str, str]:
 @functools.cache
 def own_domain(other: int = 0) -> int:
     """
-    Return a ROS domain that no other test process of this user on this machine has.
+    Return a ROS domain that no other test or benchmark of this user on this machine has.
 
     Each worker of a parallel test run is such a process.  A lock file for every domain holds the
     claim until this process ends.
@@ -66,6 +66,13 @@ def own_domain(other: int = 0) -> int:
             _CLAIMS.append(claim)
             return domain
     raise AssertionError(f'all ROS domains in {_DOMAINS} are taken by other tests')
+
+
+def enter_own_domain() -> int:
+    """Give this process, and what it starts, a ROS domain of its own on this host; return it."""
+    domain = own_domain()
+    os.environ |= {'ROS_DOMAIN_ID': str(domain), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+    return domain
 
 
 def node_processes(results: Path) -> list[tuple[str, int]]:

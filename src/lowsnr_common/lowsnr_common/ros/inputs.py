@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from collections.abc import Collection
 from collections.abc import Iterator
 import time
 from typing import Any
@@ -26,9 +27,9 @@ CAMERA_TOPIC = 'image_raw'
 NO_PUBLISHER, SILENT, LOST, UNUSABLE = 'no publisher', 'silent', 'lost', 'cannot be used'
 
 
-def take_waiting(subscription: Any) -> Iterator[Any]:
+def take_waiting(subscription: Any) -> Iterator[tuple[Any, dict[str, Any]]]:
     """
-    Yield the messages in the queue of a subscription.
+    Yield the messages in the queue of a subscription, each with what the middleware says of it.
 
     At most as many as the queue holds: where messages arrive faster than they are used, the
     queue is never empty, and those that came meanwhile are left for later.
@@ -38,13 +39,53 @@ def take_waiting(subscription: Any) -> Iterator[Any]:
             found = subscription.handle.take_message(subscription.msg_type, False)
         if found is None:
             return
-        yield found[0]
+        yield found
 
 
 def drain(subscription: Any) -> None:
     """Pass the messages in the queue of a subscription to its callback; a spin takes one."""
-    for message in take_waiting(subscription):
+    for message, _ in take_waiting(subscription):
         subscription.callback(message)
+
+
+class LostMessages:
+    """
+    The messages of a publisher that did not arrive, by gaps in the numbers that it gives them.
+
+    The middleware reports what a network or a publisher lost, but not what left the queue of a
+    reader that is too slow.
+
+    Parameters
+    ----------
+    publishers
+        Returns the publishers that are there now.
+
+    """
+
+    def __init__(self, publishers: Callable[[], Collection[Any]]) -> None:
+        self._publishers, self._known = publishers, publishers()
+        self._last: int | None = None
+        self._missing = self._reported = 0
+
+    def arrived(self, number: int | None) -> int:
+        """Return how many are newly known to be lost, with the number of a message, if any."""
+        last, self._last = self._last, number
+        if number is None or (last is not None and number == last + 1):
+            return 0
+        known, self._known = self._known, self._publishers()
+        if last is None or number <= last or len(known) != 1 or self._known != known:
+            return 0  # the first one, or those of others
+        return self._count(number - last - 1, 0)
+
+    def reported(self, count: int) -> int:
+        """Return how many are newly known to be lost, as the middleware reports so many."""
+        return self._count(0, count)
+
+    def _count(self, missing: int, reported: int) -> int:
+        before = max(self._missing, self._reported)
+        self._missing += missing
+        self._reported += reported
+        return max(self._missing, self._reported) - before
 
 
 class Input:
@@ -83,7 +124,8 @@ class Input:
 
     def drain(self) -> None:
         """Take the messages that wait."""
-        drain(self.subscription)
+        for message, info in take_waiting(self.subscription):
+            self._receive(message, info)
 
     def begin(self) -> None:
         """
@@ -95,6 +137,7 @@ class Input:
         if self._of_camera and not self._node.settings.lives:
             for _ in take_waiting(self.subscription):
                 pass
+            self._lost = LostMessages(self._publisher_ids)
         self._received_s = time.perf_counter()
 
     def silence(self) -> list[Fault]:
@@ -153,12 +196,22 @@ class Input:
         if self.follows:
             self._reliability = self._wanted()
             self._qos.reliability = self._reliability
+        self._lost = LostMessages(self._publisher_ids)
         return self._node.create_subscription(
-            CompressedImage if self._compressed else self._kind, self._topic, self._take,
+            CompressedImage if self._compressed else self._kind, self._topic, self._receive,
             self._qos,
             event_callbacks=SubscriptionEventCallbacks(
                 message_lost=self._on_lost, incompatible_qos=self._on_incompatible,
                 use_default_callbacks=False))
+
+    def _publisher_ids(self) -> set[tuple[int, ...]]:
+        return {tuple(each.endpoint_gid) for each in self._node.get_publishers_info_by_topic(
+            self._node.resolve_topic_name(self._topic))}
+
+    def _receive(self, message: Any, info: dict[str, Any]) -> None:
+        self._lose(self._lost.arrived(info['publication_sequence_number']),
+                   'lost {} messages, which came faster than they are taken')
+        self._take(message)
 
     def _take(self, message: Any) -> None:
         if self._first is not None:
@@ -172,10 +225,14 @@ class Input:
         self._node.health.spent(self._topic, time.perf_counter() - self._received_s)
 
     def _on_lost(self, event: Any) -> None:
-        self._node.counts['lost'] += event.total_count_change
-        self._node.warn(Fault(
-            self._topic, LOST, f'the middleware lost {event.total_count_change} messages'
-            + (remedy() if self._kind is Image else '')))
+        self._lose(self._lost.reported(event.total_count_change),
+                   'the middleware lost {} messages'
+                   + (remedy() if self._kind is Image else ''))
+
+    def _lose(self, count: int, what: str) -> None:
+        if count:
+            self._node.counts['lost'] += count
+            self._node.warn(Fault(self._topic, LOST, what.format(count)))
 
     def _on_incompatible(self, event: Any) -> None:
         self._incompatible = qos_policy_name_from_kind(event.last_policy_kind).lower()

@@ -98,7 +98,7 @@ class OtherParts:
     def take(self) -> Iterator[tuple[str, Any]]:
         """Yield topic and message of all that was said about other parts."""
         for topic, subscription in self._subscriptions.items():
-            for message in take_waiting(subscription):
+            for message, _ in take_waiting(subscription):
                 yield topic, message
 
     def hear(self, message: DiagnosticArray) -> None:
