@@ -11,10 +11,10 @@ An array of frames to tracks::
 
 :func:`track` and :func:`detect` take frames of a camera or of a simulation,
 :func:`condition` turns frames of a camera into those that detectors expect, :func:`calibrate`
-simulates a threshold, and :func:`simulate` makes frames of a scenario with their truth.  They run
-the algorithms, settings, thresholds and random streams of the ROS 2 node graph, and give its
-results.  The algorithms themselves are public in ``lowsnr_sensor``, ``lowsnr_detect`` and
-``lowsnr_track``.
+simulates a threshold, :func:`confirm` sets when tracks are confirmed by frames without objects,
+and :func:`simulate` makes frames of a scenario with their truth.  They run the algorithms,
+settings, thresholds and random streams of the ROS 2 node graph, and give its results.  The
+algorithms themselves are public in ``lowsnr_sensor``, ``lowsnr_detect`` and ``lowsnr_track``.
 
 An error in an argument is a :class:`ValueError` of one line that names the argument and the
 remedy.  Arrays that are passed in are never written to.
@@ -22,9 +22,11 @@ remedy.  Arrays that are passed in are never written to.
 
 from lowsnr.api import calibrate
 from lowsnr.api import condition
+from lowsnr.api import confirm
 from lowsnr.api import detect
 from lowsnr.api import simulate
 from lowsnr.api import track
+from lowsnr.confirmation import Confirmation
 from lowsnr.results import ConditionedFrames
 from lowsnr.results import Detections
 from lowsnr.results import Simulation
@@ -33,5 +35,5 @@ from lowsnr.results import Tracking
 
 __version__ = '0.2.0'
 __all__ = [
-    'ConditionedFrames', 'Detections', 'Simulation', 'Table', 'Tracking', 'calibrate',
-    'condition', 'detect', 'simulate', 'track']
+    'ConditionedFrames', 'Confirmation', 'Detections', 'Simulation', 'Table', 'Tracking',
+    'calibrate', 'condition', 'confirm', 'detect', 'simulate', 'track']

@@ -5,24 +5,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-import sys
 from typing import Any
 
 from lowsnr import results
 from lowsnr.chain import conditioned
 from lowsnr.chain import LOG
+from lowsnr.confirmation import Confirmation
+from lowsnr.confirmation import confirmation
 from lowsnr.plan import checked
 from lowsnr.plan import checked_shape
 from lowsnr.plan import CONFIG
 from lowsnr.plan import Options
 from lowsnr.plan import plan_chain
 from lowsnr.plan import sensor_of
+from lowsnr.sequence import is_shown
 from lowsnr.sequence import planned
 from lowsnr.sequence import run
 from lowsnr.sequence import shown_calibration
 from lowsnr.sequence import shown_progress
 from lowsnr_bringup.plan.sources import find_scenario
-from lowsnr_bringup.run.progress import is_terminal
 from lowsnr_common.core.streams import stream
 from lowsnr_detect.calibration.curve import Calibration
 from lowsnr_detect.calibration.operating_point import calibrated
@@ -85,7 +86,7 @@ def track(
     array, chain = planned(frames, condition, Options(
         detector=detector, snr_db=snr_db, period_s=period_s, false_alarm_prob=false_alarm_prob,
         seed=seed, settings=settings))
-    detected, tracks = run(array, chain, _is_shown(progress), tracked=True)
+    detected, tracks = run(array, chain, is_shown(progress), tracked=True)
     return results.Tracking(tracks=tracks, **detected)
 
 
@@ -102,7 +103,7 @@ def detect(
     array, chain = planned(frames, condition, Options(
         detector=detector, snr_db=snr_db, period_s=period_s, false_alarm_prob=false_alarm_prob,
         seed=seed, settings=settings))
-    return results.Detections(**run(array, chain, _is_shown(progress), tracked=False)[0])
+    return results.Detections(**run(array, chain, is_shown(progress), tracked=False)[0])
 
 
 def condition(
@@ -130,7 +131,7 @@ def condition(
     array, chain = planned(frames, 'on', Options(settings=settings))
     assert chain.conditioner is not None
     cells, maps, events = np.empty((len(array), *chain.shape), np.float32), [], {}
-    with shown_progress('conditioning', len(array), 'frames', _is_shown(progress)) as advance:
+    with shown_progress('conditioning', len(array), 'frames', is_shown(progress)) as advance:
         for k, (output, where) in enumerate(
                 conditioned(chain.conditioner, array, array.shape[1:])):
             cells[k] = output.cells
@@ -204,13 +205,45 @@ def calibrate(
     """
     chain = plan_chain((1, *checked_shape(shape)), False, Options(
         detector=detector, snr_db=snr_db, false_alarm_prob=false_alarm_prob, settings=settings))
-    with shown_calibration(chain, _is_shown(progress)) as advance:
+    with shown_calibration(chain, is_shown(progress)) as advance:
         return calibrated(
             chain.detector, chain.operating.false_alarm_prob, chain.shape, progress=advance,
             warn=LOG.warning)
 
 
-def _is_shown(progress: bool | None) -> bool:
-    if sys.stderr is None or getattr(sys.stderr, 'closed', False):  # as without a console
-        return False
-    return is_terminal() if progress is None else progress
+def confirm(
+    frames: npt.ArrayLike, false_tracks: float, detector: str | None = None,
+    snr_db: float | None = None, *, condition: str = 'auto',
+    false_alarm_prob: float | None = None, seed: int = 0,
+    settings: Mapping[str, Any] | None = None, progress: bool | None = None,
+) -> Confirmation:
+    """
+    Return when to confirm tracks for a rate of false tracks, by frames without objects.
+
+    ``track(frames, settings=confirm(empty, 0.001).settings)`` confirms about one false track in a
+    thousand frames like those of ``empty``.
+
+    Parameters
+    ----------
+    frames : (K, rows, cols) array_like
+        Frames of the same camera without objects; an object would count as a false track.
+    false_tracks
+        False tracks a frame, in (0, 1).
+    detector, snr_db, condition, false_alarm_prob, seed, settings, progress
+        As for :func:`track`.
+
+    Returns
+    -------
+    Confirmation
+        The existence probability of confirmation with its interval, and settings of `track`.
+
+    Raises
+    ------
+    ValueError
+        One line that names the argument and the remedy.
+
+    """
+    array, chain = planned(frames, condition, Options(
+        detector=detector, snr_db=snr_db, false_alarm_prob=false_alarm_prob, seed=seed,
+        settings=settings))
+    return confirmation(array, chain, false_tracks, is_shown(progress))

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager
 from contextlib import nullcontext
 from dataclasses import replace
+import sys
 from typing import Any
 
 from lowsnr import results
@@ -27,6 +28,7 @@ from lowsnr.plan import plan_chain
 from lowsnr_bringup.plan.confirmation import confirmation
 from lowsnr_bringup.plan.sources import MATCHED
 from lowsnr_bringup.run.progress import calibration_progress
+from lowsnr_bringup.run.progress import is_terminal
 from lowsnr_bringup.run.progress import progress
 from lowsnr_common.core.records import Estimate
 from lowsnr_common.settings.flat_values import changed
@@ -56,9 +58,7 @@ def run(
     frames: np.ndarray, chain: Chain, shown: bool, tracked: bool,
 ) -> tuple[dict[str, Any], results.Table]:
     """Return the fields of :class:`~lowsnr.results.Detections`, and the tracks."""
-    simulated = chain.operating.operating_point == MATCHED
-    with shown_calibration(chain, shown and simulated) as report:
-        detector = DetectorRun(chain, report)
+    detector = started(chain, shown)
     if tracked:
         chain = _confirmed(chain, shown)
     tracker = TrackerRun(chain) if tracked else None
@@ -67,7 +67,7 @@ def run(
     detections, tracks = [], []
     with shown_progress(
             'tracking' if tracked else 'detecting', len(frames), 'frames', shown) as advance:
-        for (k, where), found in _detected(chain, detector, frames, events, advance):
+        for (k, where), found in detected(chain, detector, frames, events, advance):
             when = k, round(k * chain.period_s * 1e9) / 1e9
             detections += [(*when, *results.entry(item, cell)) for item in found]
             if tracker is not None:
@@ -80,6 +80,26 @@ def run(
         'thresholds': detector.thresholds(),
         'alarm_rate': detector.alarm_rate(), 'events': events,
     }, results.Table.of(tracks, results.TRACKS)
+
+
+def started(chain: Chain, shown: bool) -> DetectorRun:
+    """Return the detector of a chain, calibrated if it is to be."""
+    simulated = chain.operating.operating_point == MATCHED
+    with shown_calibration(chain, shown and simulated) as report:
+        return DetectorRun(chain, report)
+
+
+def detected(
+    chain: Chain, detector: DetectorRun, frames: np.ndarray, events: dict[int, str],
+    advance: Callable[[int], object],
+) -> Iterator[tuple[OpenFrame, list[Estimate]]]:
+    """Yield the detections of every frame in turn; note what is unusual about frames."""
+    for k, (cells, where, event) in enumerate(prepared(chain, frames)):
+        if event:
+            events[k] = event
+        yield from detector.step(k, cells, where)
+        advance(1)
+    yield from detector.flush()
 
 
 def _confirmed(chain: Chain, shown: bool) -> Chain:
@@ -95,17 +115,11 @@ def _confirmed(chain: Chain, shown: bool) -> Chain:
     return replace(chain, tracker=changed(tracker, found.settings(tracker)))
 
 
-def _detected(
-    chain: Chain, detector: DetectorRun, frames: np.ndarray, events: dict[int, str],
-    advance: Callable[[int], object],
-) -> Iterator[tuple[OpenFrame, list[Estimate]]]:
-    """Yield the detections of every frame in turn; note what is unusual about frames."""
-    for k, (cells, where, event) in enumerate(prepared(chain, frames)):
-        if event:
-            events[k] = event
-        yield from detector.step(k, cells, where)
-        advance(1)
-    yield from detector.flush()
+def is_shown(progress: bool | None) -> bool:
+    """Return whether progress is shown: as was asked, else where stderr is a terminal."""
+    if sys.stderr is None or getattr(sys.stderr, 'closed', False):  # as without a console
+        return False
+    return is_terminal() if progress is None else progress
 
 
 def shown_progress(
