@@ -66,6 +66,8 @@ def gate(
         Indices of the detections in each gate; -1 fills the rows.
 
     """
+    if len(particles.modes) == 0 or len(measured) == 0:
+        return np.empty((len(particles.modes), 0), dtype=np.intp)
     inside = np.ones((len(particles.box), len(measured)), dtype=bool)
     for axis in (0, 1):
         at, margin = measured.position[:, axis], np.sqrt(bound * measured.cov[:, axis, axis])

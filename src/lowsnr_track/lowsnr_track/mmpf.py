@@ -170,6 +170,8 @@ def resample(
         Filters to return; all by default.
 
     """
+    if len(particles.modes) == 0:
+        return particles
     count = particles.modes.shape[-1]
     chosen = np.arange(len(particles.modes)) if kept is None else np.flatnonzero(kept)
     size = 1.0 / np.einsum('tn,tn->t', particles.weights, particles.weights)[chosen]

@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import field
 from dataclasses import replace
+import functools
 
 from lowsnr_common.core.bound_motion import Destinations
 from lowsnr_common.core.measurement import SensorModel
@@ -161,7 +162,7 @@ class PdaMmpf:
 
     def _predict(self, state: TrackerState, stamp_s: float, rng: np.random.Generator) -> Tracks:
         """Predict every track; an object outside the frame does not exist."""
-        tracks, dt = state.tracks, _elapsed(state.stamp_s, stamp_s)
+        tracks, dt = state.tracks, state.elapsed_s(stamp_s)
         if len(tracks) == 0 or dt > self.life.max_gap_s:
             return self._no_tracks
         # A mode may switch in every frame period, whether or not its frame arrived.
@@ -185,6 +186,8 @@ class PdaMmpf:
         posteriors: bool,
     ) -> tuple[Tracks, np.ndarray]:
         """Return the updated tracks, and beta_tj (T, G)."""
+        if len(tracks) == 0:
+            return tracks, np.zeros(gated.shape)
         model, detected = self.detection, self.detection.in_gate_probability
         scale = (detected * self.sensor.cell_size_m**2 / density)[gated]
         if posteriors:
@@ -215,6 +218,8 @@ class PdaMmpf:
         posterior, at the odds that it states.  Returns the tracks, and the probability (m,) that
         each detection is false.
         """
+        if len(measured) == 0:
+            return self._no_tracks, np.empty(0)
         odds = self.detection.probability * self.life.birth_density / density
         if measured.predicted is not None:
             prob = np.minimum(measured.score, MAX_EXISTENCE)
@@ -236,16 +241,8 @@ class PdaMmpf:
         """Probability that a false detection is repeated; 0 of one that rests on one frame."""
         return self.detection.repeated if self.frames_per_detection > 1 else 0.0
 
-    @property
+    @functools.cached_property
     def _extent_m(self) -> np.ndarray:
         """Columns and rows in metres, (2,); FARTHEST_M where unknown."""
         size = np.array([self.cols, self.rows]) * self.sensor.cell_size_m
         return np.where(size > 0.0, size, FARTHEST_M)
-
-
-def _elapsed(last_s: float | None, stamp_s: float) -> float:
-    if not np.isfinite(stamp_s):
-        raise ValueError(f'stamp {stamp_s} is not finite')
-    if last_s is not None and stamp_s <= last_s:
-        raise ValueError(f'stamp {stamp_s} s is not later than {last_s} s')
-    return 0.0 if last_s is None else stamp_s - last_s

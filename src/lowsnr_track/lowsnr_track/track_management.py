@@ -53,6 +53,8 @@ class TrackLife:
     def manage(self, tracks: Tracks) -> tuple[Tracks, np.ndarray]:
         """Merge tracks of one object, confirm likely ones; return them and which to keep (T,)."""
         tracks, kept = self.merge(tracks)
+        if kept.size == 0:
+            return tracks, kept
         bound = np.where(
             tracks.confirmed, self.release_probability, self.confirm_probability)
         return replace(tracks, confirmed=tracks.existence >= bound), self.lasting(tracks, kept)

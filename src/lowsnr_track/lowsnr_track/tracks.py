@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import replace
+import functools
+import math
 
 from lowsnr_common.core.bound_motion import DestinationDensity
 from lowsnr_common.core.bound_motion import draw_bound
@@ -157,6 +159,18 @@ class TrackerState:
             return 0.0
         return 1.0 + (self.stamp_s - self.first_s) / period_s
 
+    def elapsed_s(self, stamp_s: float) -> float:
+        """
+        Return the time from the last frame to one of a stamp [s], 0 before the first.
+
+        ValueError where that is not finite or not later.
+        """
+        if not math.isfinite(stamp_s):
+            raise ValueError(f'stamp {stamp_s} is not finite')
+        if self.stamp_s is not None and stamp_s <= self.stamp_s:
+            raise ValueError(f'stamp {stamp_s} s is not later than {self.stamp_s} s')
+        return 0.0 if self.stamp_s is None else stamp_s - self.stamp_s
+
     def moved(self, by: tuple[int, int], cell_size_m: float) -> TrackerState:
         """Return the state in cells whose first one moved ``by`` rows and columns."""
         particles = self.tracks.particles
@@ -180,6 +194,7 @@ class TrackerOutput:
     rejected: Mapping[str, int]
 
 
+@functools.lru_cache(maxsize=8)
 def no_tracks(count: int, memory: int = 1) -> Tracks:
     """Return an empty set of tracks of ``count`` particles, for a memory of so many frames."""
     none = equally_weighted(np.empty((0, count, 4)), np.empty((0, count), dtype=np.intp))
