@@ -132,7 +132,7 @@ def test_flood_of_detections_is_answered(answers):
 
 
 def test_warm_up_compiles_everything(rng):
-    tracker = PdaMmpf(rows=16, cols=24, particles=200)
+    tracker = PdaMmpf(rows=16, cols=24, particles=4000)
     warm_up(tracker)
     before, state = compiled.variants(), tracker.init()
     for k in range(1, 9):

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from lowsnr_common.core.bound_motion import Bound
+from lowsnr_common.core.streams import standard_normal
 from lowsnr_track import track_kernels
 import numpy as np
 
@@ -127,5 +128,5 @@ def concatenate(first: Particles, second: Particles) -> Particles:
 def paired_noise(count: int, axes: int, rng: np.random.Generator) -> np.ndarray:
     """Return standard normal noise (count, axes) in pairs of opposite sign."""
     half = count // 2
-    noise = rng.standard_normal((count - half, axes))
+    noise = standard_normal((count - half, axes), rng)
     return np.concatenate([noise, -noise[:half]])

@@ -123,13 +123,13 @@ class TrackerNode(ManagedNode):
 
 
 def warm_up(tracker: PdaMmpf) -> None:
-    """Track one detection with few particles, so that no frame waits for a compiler."""
-    few = replace(
-        tracker, particles=10, resample_below=1.0, life=replace(tracker.life, birth_density=1.0))
+    """Track one detection, so that no frame waits for a compiler."""
+    enough = replace(  # for the loop that draws many normal numbers
+        tracker, particles=1000, resample_below=1.0, life=replace(tracker.life, birth_density=1.0))
     detection = Estimate(np.zeros(4), np.eye(4), 0.5)
-    state, rng = few.init(), np.random.default_rng(0)
+    state, rng = enough.init(), np.random.default_rng(0)
     for frame in range(3):
-        state, _ = few.step(state, [detection], frame * 1e-3, rng)
+        state, _ = enough.step(state, [detection], frame * 1e-3, rng)
 
 
 def main(args: list[str] | None = None) -> None:

@@ -31,6 +31,7 @@ from lowsnr_common.core.motion import MotionModes
 from lowsnr_common.core.motion import POS
 from lowsnr_common.core.motion import process_noise_cov
 from lowsnr_common.core.motion import VEL
+from lowsnr_common.core.streams import standard_normal
 from lowsnr_common.settings.declare import check_settings
 from lowsnr_common.settings.declare import setting
 import numpy as np
@@ -52,7 +53,7 @@ class PlaceDensity:
 
     def draw(self, shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
         """Return positions x, y of a leading shape, (..., 2) [m]."""
-        return self.at(rng.standard_normal((*shape, 2)))
+        return self.at(standard_normal((*shape, 2), rng))
 
     def at(self, deviations: np.ndarray) -> np.ndarray:
         """Return the positions x, y that lie so many standard deviations off, (..., 2) [m]."""
@@ -177,7 +178,7 @@ def draw_bound(
     ends = np.cumsum([each.probability for each in densities])
     chosen = np.searchsorted(ends, rng.random(shape), side='right')
     # Of the same length whatever was chosen, so that each run of a batch has its own stream.
-    when, noise = rng.random(shape), rng.standard_normal((*shape, 2))
+    when, noise = rng.random(shape), standard_normal((*shape, 2), rng)
     for number, each in enumerate(densities):
         own = chosen == number
         place[own] = each.at(noise[own])
@@ -217,7 +218,7 @@ def move_bound(
 
     """
     moved = motion.move(states, modes, period_s, rng)
-    noise = rng.standard_normal((*modes.shape, 2))
+    noise = standard_normal((*modes.shape, 2), rng)
     density = motion.acceleration_density
     ahead, left_s = left_s > -period_s / 2.0, np.maximum(left_s, 0.0)
     variance = density * left_s**3 / 3.0

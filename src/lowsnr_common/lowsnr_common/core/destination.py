@@ -30,6 +30,7 @@ from lowsnr_common.core.motion import MotionModes
 from lowsnr_common.core.motion import POS
 from lowsnr_common.core.motion import process_noise_cov
 from lowsnr_common.core.motion import VEL
+from lowsnr_common.core.streams import standard_normal
 from lowsnr_common.settings.declare import check_settings
 from lowsnr_common.settings.declare import setting
 import numpy as np
@@ -178,7 +179,7 @@ def move_towards(
     # them, is a draw of the motion given the destination.
     missing = (
         np.array([destination.x_m, destination.y_m])
-        + np.sqrt(variance) * rng.standard_normal((*modes.shape, 2))
+        + np.sqrt(variance) * standard_normal((*modes.shape, 2), rng)
         - moved[..., POS] - left_s * moved[..., VEL])
     bound = after * rng.random(modes.shape) >= 1.0 - destination.probability
     missing *= bound[..., None]

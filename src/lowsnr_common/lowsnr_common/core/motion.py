@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 from lowsnr_common.core.particle_kernels import move_states
 from lowsnr_common.core.particle_kernels import switch_modes
+from lowsnr_common.core.streams import standard_normal
 from lowsnr_common.settings.declare import check_settings
 from lowsnr_common.settings.declare import setting
 import numpy as np
@@ -191,7 +192,7 @@ class MotionModes:
             States after the step.
 
         """
-        after: np.ndarray = rng.standard_normal(states.shape)
+        after: np.ndarray = standard_normal(states.shape, rng)
         factor = process_noise_sqrt(dt, self.acceleration_density)
         move_states(
             np.ascontiguousarray(states).reshape(-1, 4), modes.ravel(),

@@ -27,6 +27,7 @@ import functools
 import math
 from typing import Protocol
 
+from lowsnr_common.core.streams import standard_normal
 import numpy as np
 import scipy
 
@@ -65,7 +66,10 @@ class Gaussian:
 
     def draw(self, signal: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Return cells with the given signals."""
-        return np.asarray(self.std * rng.standard_normal(signal.shape) + signal)
+        noise = standard_normal(signal.shape, rng)
+        noise *= self.std
+        noise += signal
+        return np.asarray(noise)
 
 
 @dataclass(frozen=True)
@@ -140,7 +144,7 @@ class Envelope:
     def draw(self, signal: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Return cells with the given signals."""
         mean, spread = self._moments
-        parts = rng.standard_normal((2, *signal.shape)) / math.sqrt(2.0)
+        parts = standard_normal((2, *signal.shape), rng) / math.sqrt(2.0)
         if not math.isinf(self.shape):
             parts *= np.sqrt(rng.gamma(self.shape, 1.0 / self.shape, signal.shape))
         # The phase of the noise is uniform, so that the one of the object does not matter.

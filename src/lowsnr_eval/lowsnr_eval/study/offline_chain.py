@@ -16,6 +16,7 @@ from typing import Any
 from typing import cast
 
 from lowsnr_common.core.records import Estimate
+from lowsnr_common.core.streams import standard_normal
 from lowsnr_common.core.streams import stream
 from lowsnr_detect.grid.fixed_lag import answers
 from lowsnr_detect.parts.detector import Declarations
@@ -68,7 +69,7 @@ class RunStreams:
 
     def standard_normal(self, size: Sequence[int]) -> np.ndarray:
         """Draw normal numbers of mean 0 and variance 1, (runs, ...)."""
-        return self._draw(lambda own, shape: own.standard_normal(shape), size)
+        return self._draw(lambda own, shape: standard_normal(shape, own), size)
 
     def uniform(self, low: Any, high: Any, size: Sequence[int]) -> np.ndarray:
         """Draw uniform numbers between bounds that are the same for every run, (runs, ...)."""
