@@ -140,7 +140,7 @@ class HMM(GridDetector):
         velocity, cov = (each.reshape(-1, *each.shape[2:]).repeat(weights.shape[2], axis=0)
                          for each in (self.steps.model.velocity, self.steps.model.velocity_cov))
         where = GridBelief(
-            joint, np.ones(joint.shape[1:]), velocity, cov, self.sensor.cell_size_m)
+            joint, np.broadcast_to(1.0, joint.shape[1:]), velocity, cov, self.sensor.cell_size_m)
         return log_odds, where.posterior(
             lambda runs: joint[:, runs].sum(axis=0),
             None if self.lag else then.likelihood, then.peak)
