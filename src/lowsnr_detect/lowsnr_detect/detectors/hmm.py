@@ -38,6 +38,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from dataclasses import field
+import functools
 from typing import ClassVar
 
 from lowsnr_common.core.bound_motion import Destinations
@@ -117,7 +118,7 @@ class HMM(GridDetector):
         self.destinations.check_only(self.destination)
         self.destinations.check_motion(self.motion)
 
-    @property
+    @functools.cached_property
     def steps(self) -> MoveSteps:
         """Return P(x | y) and b(x)."""
         return MoveSteps(self.motion, self.sensor, self.order, self.destination,

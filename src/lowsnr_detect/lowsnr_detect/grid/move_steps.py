@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from dataclasses import replace
+import functools
 
 from lowsnr_common.core.bound_motion import Destinations
 from lowsnr_common.core.destination import Destination
@@ -95,12 +96,12 @@ class MoveSteps:
     destinations: Destinations
     regions: int = 1
 
-    @property
+    @functools.cached_property
     def model(self) -> MoveModel:
         """Return the probabilities of the moves of the base motion."""
         return move_model(self.motion, self.sensor, self.order)
 
-    @property
+    @functools.cached_property
     def pairs(self) -> Pairs:
         """Return what objects may be bound for."""
         return pairs(self.destinations)
