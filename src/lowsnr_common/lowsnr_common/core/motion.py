@@ -11,6 +11,7 @@ the step from x_(k-1) to x_k.
 from __future__ import annotations
 
 from dataclasses import dataclass
+import functools
 
 from lowsnr_common.core.particle_kernels import move_states
 from lowsnr_common.core.particle_kernels import switch_modes
@@ -77,9 +78,20 @@ def process_noise_cov(dt: float, density: float) -> np.ndarray:
 
 def process_noise_sqrt(dt: float, density: float) -> np.ndarray:
     """Return the lower Cholesky factor of Q, (4, 4); zero for no noise."""
+    return _noise_sqrt(dt, density).copy()
+
+
+# Most steps are as long as the one before.
+@functools.lru_cache(maxsize=64)
+def _noise_sqrt(dt: float, density: float) -> np.ndarray:
     if dt == 0.0 or density == 0.0:
         return np.zeros((4, 4))
     return np.linalg.cholesky(process_noise_cov(dt, density))
+
+
+@functools.lru_cache(maxsize=64)
+def _transition_matrices(turn_rates_deg_s: tuple[float, ...], dt: float) -> np.ndarray:
+    return np.stack([transition_matrix(dt, np.deg2rad(w)) for w in turn_rates_deg_s])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,7 +136,7 @@ class MotionModes:
 
     def transition_matrices(self, dt: float) -> np.ndarray:
         """Return F of every mode for a step of dt [s], (modes, 4, 4)."""
-        return np.stack([transition_matrix(dt, np.deg2rad(w)) for w in self.turn_rates_deg_s])
+        return _transition_matrices(self.turn_rates_deg_s, dt).copy()
 
     def mode_transition(self, dt: float) -> np.ndarray:
         """

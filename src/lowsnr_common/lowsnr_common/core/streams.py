@@ -51,14 +51,14 @@ def stream(seed: int, use: str, run: int = 0) -> np.random.Generator:
 
 def standard_normal(shape: Sequence[int], rng: np.random.Generator) -> np.ndarray:
     """
-    Return what ``rng.standard_normal(shape)`` does, to the bit, in a third of the time if many.
+    Return standard normal numbers: those of numpy, to the bit, in a third of the time if many.
 
     Parameters
     ----------
     shape
         Shape of the result.
     rng
-        Source of randomness; its state afterwards is the same, too.
+        Source of randomness; its state is afterwards that after ``rng.standard_normal(shape)``.
 
     """
     count = math.prod(shape)
