@@ -27,6 +27,11 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     return call
 
 
+def is_loaded() -> bool:
+    """Return whether this process has called a compiled function, which loads numba."""
+    return bool(_DISPATCHERS)
+
+
 def variants() -> int:
     """Return the number of compiled variants, one for each function and types of arguments."""
     return sum(len(function.signatures) for function in _DISPATCHERS)

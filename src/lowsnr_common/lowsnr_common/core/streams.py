@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import math
 
 from lowsnr_common.core.compiled import compiled
-from lowsnr_common.core.compiled import variants
+from lowsnr_common.core.compiled import is_loaded
 import numpy as np
 
 # The position in this tuple is the key of the stream: append, never reorder.
@@ -62,7 +62,7 @@ def standard_normal(shape: Sequence[int], rng: np.random.Generator) -> np.ndarra
 
     """
     count = math.prod(shape)
-    few = count < _MANY or (count < _MANY_TO_LOAD and not variants())
+    few = count < _MANY or (count < _MANY_TO_LOAD and not is_loaded())
     if few or not isinstance(rng, np.random.Generator):  # such as the generators of many runs
         return rng.standard_normal(shape)
     drawn = np.empty(shape)
