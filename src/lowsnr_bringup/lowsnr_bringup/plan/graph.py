@@ -127,9 +127,9 @@ class Node:
         return self.module == _TILE
 
     @property
-    def divided(self) -> bool:
-        """Whether the node is a tile, or joins tiles."""
-        return self.module in (_TILE, _MERGER)
+    def joins(self) -> bool:
+        """Whether the node is that of a detector and joins what its tiles find."""
+        return self.module == _MERGER
 
     @property
     def section(self) -> str:

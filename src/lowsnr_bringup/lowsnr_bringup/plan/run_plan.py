@@ -95,10 +95,7 @@ def plan_run(
         check_new(options.record)
     given = partial(graph.merged, layers=(files, overrides))
     source = find_source(options, config_folder, given, look, array)
-    nodes = graph.run_nodes(
-        detectors, source.node, camera=source.camera, conditioned=source.conditioned,
-        recorded=options.record is not None, viewed=options.view, composed=options.composed,
-        tiles=math.prod(options.tiles))
+    nodes = _nodes(options, detectors, source)
     parameters = graph.parameters(
         nodes,  # from the weakest layer to the strongest
         source.defaults,  # SNR and frame size of the scenario
@@ -118,6 +115,15 @@ def plan_run(
     return RunPlan(
         name, nodes, parameters, built, notes,
         not _frames(source, parameters) if options.respawn is None else options.respawn)
+
+
+def _nodes(
+    options: RunOptions, detectors: Sequence[str], source: Source,
+) -> list[graph.Node]:
+    return graph.run_nodes(
+        detectors, source.node, camera=source.camera, conditioned=source.conditioned,
+        recorded=options.record is not None, viewed=options.view, composed=options.composed,
+        tiles=math.prod(options.tiles))
 
 
 def _check(nodes: Sequence[graph.Node], parameters: Mapping[str, Values]) -> None:

@@ -52,7 +52,7 @@ def wiring(nodes: Sequence[Node], detectors: Sequence[str], scenario: str) -> La
 
 
 def divide(
-    nodes: Sequence[Node], parameters: Mapping[str, Values], detectors: Mapping[str, Detector],
+    nodes: Sequence[Node], parameters: dict[str, Values], detectors: Mapping[str, Detector],
     tiles: tuple[int, int],
 ) -> None:
     """
@@ -68,12 +68,10 @@ def divide(
     within_s = parameters['/evaluator'].get('answer_within_s', 10.0) / 2.0
     tiling = TileSettings(tiles_down=tiles[0], tiles_across=tiles[1], tile_within_s=within_s)
     for node in nodes:
-        if not node.divided:
-            continue
-        values = parameters[node.path]
-        if node.detector:
-            _check(node.label, detectors[node.path], values, tiling)
-        values |= asdict(tiling)
+        if node.joins:
+            _check(node.label, detectors[node.path], parameters[node.path], tiling)
+        if node.joins or node.tile:
+            parameters[node.path] |= asdict(tiling)
 
 
 def _check(label: str, detector: Detector, values: Values, tiling: TileSettings) -> None:

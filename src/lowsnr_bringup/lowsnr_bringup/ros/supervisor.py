@@ -21,6 +21,7 @@ from lowsnr_bringup.ros.manager import GraphFailure
 from lowsnr_bringup.ros.manager import Manager
 from lowsnr_bringup.ros.node_watch import FrameWatch
 from lowsnr_bringup.ros.node_watch import ResultsWatch
+from lowsnr_bringup.ros.node_watch import TileWatch
 from lowsnr_bringup.ros.respawner import Respawner
 from lowsnr_bringup.run.forked_nodes import NodeServer
 from lowsnr_bringup.run.hang_watch import HangWatch
@@ -87,14 +88,14 @@ class Supervisor:
         expect_within_s: float = float('inf'),
     ) -> None:
         self._part, self._nodes, self._expect_within_s = part, part.own, expect_within_s
-        self._folder, self._frames = folder, frames
+        self._folder, self._frames, self._stop, self._respawn = folder, frames, stop, respawn
         self._patience_s = answer_within_s + _PATIENCE_BEYOND_S
         self._hang_watch = HangWatch(answer_within_s)
         self._environment, self._server, self._claim = environment, server, claim
         self._stops_faster: int | None = None  # once the run ends: signals that end it faster
-        self._stop, self._respawn = stop, respawn
         self._watch = FrameWatch(live=any(node.live for node in part.own))
         self.account, self.results = Account(), ResultsWatch()
+        self._tiles = {node.path: TileWatch(node.label) for node in part.own if node.joins}
         self._missed: dict[Node, str] = {}  # nodes that stay dead, and how they died
 
     def run(self) -> tuple[int, str]:
@@ -147,6 +148,8 @@ class Supervisor:
             self._group.stop(self._manager.catch_up)
             self._manager.catch_up()  # what they said at last belongs to the account
             self._watch_nodes()
+            for watch in self._tiles.values():
+                watch.sum_up()
             self.account = self._manager.account()
 
     def _follow(self) -> None:
@@ -217,9 +220,10 @@ class Supervisor:
                     member, how, '; only with --respawn does bring-up start it again')
 
     def _watch_nodes(self) -> None:
-        """Print the faults of the node that takes raw frames, and of the evaluator's results."""
+        """Print the faults of raw frames, of the evaluator's results, and of missing tiles."""
         taker = next((node.path for node in reversed(self._nodes) if node.takes_raw), '')
-        for path, watch in ((taker, self._watch), ('/evaluator', self.results)):
+        for path, watch in (
+                (taker, self._watch), ('/evaluator', self.results), *self._tiles.items()):
             if path in self._manager.reports.statuses:
                 watch.update(self._manager.reports.statuses.pop(path))
 

@@ -28,6 +28,7 @@ from lowsnr_detect.tiles.tile import divisible
 from lowsnr_detect.tiles.tile import tiles_of
 from lowsnr_detect.tiles.tile_join import JoinedFrame
 from lowsnr_detect.tiles.tile_join import TileJoin
+from lowsnr_detect.tiles.tile_join import WITHOUT_TILE
 from lowsnr_detect.tiles.tile_node import tile_topic
 from nav_msgs.msg import Odometry
 from rclpy.lifecycle import LifecycleState
@@ -37,8 +38,6 @@ from std_msgs.msg import Header
 from vision_msgs.msg import Detection2DArray
 
 _LOOK_EVERY_S = 0.05
-# Reason of the fault, and counters.
-WITHOUT_TILE = 'without a tile'
 
 
 class MergerNode(ManagedNode):

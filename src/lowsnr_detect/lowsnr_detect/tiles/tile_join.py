@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from dataclasses import field
 from typing import Any
 
+# Reason of the fault, and counter, of frames that are answered without one.
+WITHOUT_TILE = 'without a tile'
 # Frames that were joined, of which something may still come.
 _MOST_JOINED = 2000
 
