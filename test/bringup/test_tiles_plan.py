@@ -4,6 +4,7 @@
 from pathlib import Path
 
 from lowsnr_bringup.plan.parts import part_of
+from lowsnr_bringup.plan.recorded_frames import RecordedRun
 from lowsnr_bringup.plan.run_options import RunOptions
 from lowsnr_bringup.plan.run_plan import plan_run
 import pytest
@@ -68,3 +69,30 @@ def test_what_cannot_be_divided_is_refused_in_one_line(options, words):
     with pytest.raises(ValueError, match=words) as caught:
         plan(**options)
     assert len(str(caught.value).splitlines()) == 1
+
+
+def of_camera(**options):
+    """Plan a run on a camera that sends frames as detectors take them."""
+    def look(topic):
+        return RecordedRun(
+            name='camera', frames=0, rows=31, cols=48, period_s=0.04, truth=False, raw=False,
+            encoding='32FC1')
+    return plan_run(RunOptions(**{
+        'detectors': ['sdt'], 'scenario': 'example3', 'camera': '/camera', 'tiles': (1, 2),
+        'overrides': ['sdt.operating_point=nominal']} | options), CONFIG, look)
+
+
+def test_tiles_read_the_frames_of_a_camera_and_the_node_that_joins_them_does_not():
+    made = of_camera()
+    assert [node.label for node in made.nodes if node.live] == ['evaluator', 'sdt_1', 'sdt_2']
+    assert [node.label for node in made.nodes if 'image_raw:=/camera' in node.remaps] == [
+        'evaluator', 'sdt_1', 'sdt_2']
+    assert [path for path, values in made.parameters.items() if values.get('live')] == [
+        '/evaluator', '/sdt_1', '/sdt_2']
+
+
+def test_frames_of_a_conditioner_and_adaptive_thresholds_of_real_frames_are_refused():
+    with pytest.raises(ValueError, match='sdt_detector: .*conditioner'):
+        of_camera(condition='on')
+    with pytest.raises(ValueError, match='sdt_detector: .*adaptive'):
+        of_camera(overrides=())
