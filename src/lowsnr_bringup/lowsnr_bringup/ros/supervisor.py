@@ -35,8 +35,7 @@ from lowsnr_bringup.run.results_folder import start_files
 from lowsnr_bringup.run.stop_signals import StopSignals
 from tqdm import tqdm
 
-_END_WITHIN_S = 30.0
-_FLUSH_WITHIN_S = _HEARD_WITHIN_S = 2.0
+_END_WITHIN_S, _FLUSH_WITHIN_S, _HEARD_WITHIN_S = 30.0, 2.0, 2.0
 # Time beyond that of the evaluator's own wait for answers, after which no frame will be scored.
 _PATIENCE_BEYOND_S = 2.0
 DONE, FAILED, INTERRUPTED = 0, 1, 130
@@ -93,9 +92,12 @@ class Supervisor:
         self._hang_watch = HangWatch(answer_within_s)
         self._environment, self._server, self._claim = environment, server, claim
         self._stops_faster: int | None = None  # once the run ends: signals that end it faster
-        self._watch = FrameWatch(live=any(node.live for node in part.own))
         self.account, self.results = Account(), ResultsWatch()
         self._tiles = {node.path: TileWatch(node.label) for node in part.own if node.joins}
+        taker = next((node.path for node in reversed(part.own) if node.takes_raw), '')
+        self._watches: dict[str, FrameWatch | ResultsWatch | TileWatch] = {
+            taker: FrameWatch(live=any(node.live for node in part.own)),
+            '/evaluator': self.results, **self._tiles}
         self._missed: dict[Node, str] = {}  # nodes that stay dead, and how they died
 
     def run(self) -> tuple[int, str]:
@@ -221,9 +223,7 @@ class Supervisor:
 
     def _watch_nodes(self) -> None:
         """Print the faults of raw frames, of the evaluator's results, and of missing tiles."""
-        taker = next((node.path for node in reversed(self._nodes) if node.takes_raw), '')
-        for path, watch in (
-                (taker, self._watch), ('/evaluator', self.results), *self._tiles.items()):
+        for path, watch in self._watches.items():
             if path in self._manager.reports.statuses:
                 watch.update(self._manager.reports.statuses.pop(path))
 
