@@ -31,6 +31,7 @@ SCENARIOS = CONFIG / 'scenarios'
 RESULTS = (Path.cwd() if _environment.INSTALLED else ROOT) / 'results'
 USAGE, INTERRUPTED = 2, 130
 SNR_DB = -30.0, 80.0  # of SensorModel
+MOST_TILES = 16  # of TileSettings, along each axis
 
 
 class Parser(argparse.ArgumentParser):
@@ -112,6 +113,16 @@ def number(
             raise argparse.ArgumentTypeError(f'{text!r} is not {kind} {bound}')
         return value
     return convert
+
+
+def tiles(text: str) -> tuple[int, int]:
+    """Return how many tiles a frame has down and across, from ``2x1``."""
+    found = re.fullmatch(r'(\d{1,2})x(\d{1,2})', text, re.ASCII)
+    down, across = map(int, found.groups()) if found else (0, 0)
+    if not (1 <= down <= MOST_TILES and 1 <= across <= MOST_TILES):
+        raise argparse.ArgumentTypeError(
+            f'{text!r} is not two numbers from 1 to {MOST_TILES}, such as 2x1')
+    return down, across
 
 
 def version() -> str:

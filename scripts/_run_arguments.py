@@ -16,6 +16,7 @@ from _arguments import Parser
 from _arguments import scenario_name
 from _arguments import scenarios
 from _arguments import SNR_DB
+from _arguments import tiles
 from _film_arguments import add_film
 from _film_arguments import add_truth
 import _parameters
@@ -147,6 +148,11 @@ def add_processing(parser: argparse.ArgumentParser) -> None:
         '--composed', action='store_true',
         help='run conditioner, detectors and trackers in one process, which hands frames over '
         'without copies: the same results with less delay, on one core')
+    parser.add_argument(
+        '--tiles', type=tiles, default=(1, 1), metavar='NxM',
+        help='divide each detector between nodes for N x M tiles of the frame, N down and M '
+        'across, such as sdt_1 and sdt_2, which may run on several hosts: cdt, sdt, cusum, bank '
+        'and auto, with thresholds that are not adaptive (default: 1x1, one node)')
 
 
 def add_outputs(parser: Parser) -> None:

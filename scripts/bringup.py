@@ -109,7 +109,7 @@ def plan_of(options: argparse.Namespace) -> 'RunPlan':
 
 def calibrate(plan: 'RunPlan', part: 'Part') -> None:
     """Find the thresholds of matched detectors here, where progress can be shown."""
-    own = {node.path for node in part.own}
+    own = {f'{node.namespace}/{node.section}' for node in part.own}  # also of a tile alone
     for path, detector in plan.detectors.items():
         values = plan.parameters[path]
         if path in own and values['operating_point'] == 'matched':

@@ -8,6 +8,8 @@ import re
 from graph_runs import ROOT
 from lowsnr_bringup.plan.graph import KINDS
 from lowsnr_detect.node.detector_node import DetectorNode
+from lowsnr_detect.tiles.merger_node import MergerNode
+from lowsnr_detect.tiles.tile_node import TileNode
 from lowsnr_eval.evaluator_node import EvaluatorNode
 from lowsnr_eval.viewer_node import ViewerNode
 from lowsnr_sensor.conditioner_node import ConditionerNode
@@ -19,12 +21,14 @@ from ros_nodes import ros_context
 
 ROW = re.compile(r'\| (\w+) \| `([\w/]+)` \| ([^|]+) \| ([^|]+) \| ([^|]+) \|')
 SCENARIO = str(ROOT / 'config' / 'scenarios' / 'example1.yaml')
+TILED = {'rows': 8, 'cols': 9, 'operating_point': 'nominal', 'tiles_down': 1, 'tiles_across': 2}
 NODES = {
     'sensor': (SensorNode, {'scenario': SCENARIO, 'lockstep': True}),
     'conditioner': (ConditionerNode, {}),
     'tracker': (TrackerNode, {'rows': 8, 'cols': 9, 'conditioned': True}),
     'viewer': (ViewerNode, {}), 'detector': (partial(DetectorNode, 'cdt'), {
         'rows': 8, 'cols': 9, 'operating_point': 'nominal', 'conditioned': True}),
+    'tile': (partial(TileNode, 'cdt', 2), TILED), 'merger': (partial(MergerNode, 'cdt'), TILED),
     'evaluator': (EvaluatorNode, {
         'detectors': ['cdt'], 'scenario': 's', 'conditioned': True})}
 # Modules that subscribe: ManagedNode.listen, the first frames of a camera, the recorder.
@@ -59,7 +63,7 @@ def test_every_input_of_every_node_is_in_the_table(place):
     assert documented.pop('player') == documented['sensor']  # both by Lockstep
     assert {name: sorted(topics) for name, topics in documented.items()} == {
         name: sorted(topics) for name, topics in found.items()}
-    assert {*found, 'player', 'recorder'} == {*KINDS, 'detector'}
+    assert {*found, 'player', 'recorder'} == {*KINDS, 'detector', 'tile', 'merger'}
 
 
 def test_no_other_module_subscribes():
@@ -72,6 +76,7 @@ def test_no_other_module_subscribes():
     assert listening == {
         'lowsnr_common/ros/frame_maps.py', 'lowsnr_common/ros/lockstep.py',
         'lowsnr_sensor/conditioner_node.py', 'lowsnr_detect/node/detector_node.py',
+        'lowsnr_detect/tiles/tile_node.py', 'lowsnr_detect/tiles/merger_node.py',
         'lowsnr_track/tracker_node.py',
         'lowsnr_eval/viewer_node.py', 'lowsnr_eval/evaluator_node.py'}
 

@@ -2,9 +2,10 @@
 """
 A run in two parts: SDT on one host and all other nodes on another, two network namespaces.
 
-This script runs in a network namespace of its own (``unshare --net``).  Its arguments are a
-folder, what happens to the host of the detector (a function below), and options of
-``bringup.py``.  It prints, as JSON, what became of the run.
+With ``--tiles 1x2`` the second tile of SDT is on the one host, and all else on the other.  This
+script runs in a network namespace of its own (``unshare --net``).  Its arguments are a folder,
+what happens to the host of the detector (a function below), and options of ``bringup.py``.  It
+prints, as JSON, what became of the run.
 """
 
 from contextlib import ExitStack
@@ -27,8 +28,9 @@ from two_hosts import OTHER
 from two_hosts import other_host
 
 MOST = ['evaluator', 'tracker', 'sensor']
+APART, TILE, OTHER_TILE = 'sdt_detector', 'sdt_2', 'sdt_1'
 ROWS_BEFORE, OUTAGE_S, STARTS_WITHIN_S = 120, 8.0, 300.0
-IS_BACK = 'sdt_detector is back on its host'
+IS_BACK = 'is back on its host'
 LOSS, HOURS = 0.01, 1000.0
 
 
@@ -50,6 +52,9 @@ class SplitRun:
     def __init__(self, folder, enter, options):
         self.folder, self._enter, self._options = Path(folder), enter.split(), options
         self.here, self.there = {}, {}  # additions to the environments
+        tiled = '--tiles' in options
+        self._apart = TILE if tiled else APART
+        self._rest = [*MOST, APART, OTHER_TILE] if tiled else MOST
         self._parts = ExitStack()
 
     def __enter__(self):
@@ -68,13 +73,13 @@ class SplitRun:
     def start_most(self):
         """Start the part with the evaluator."""
         self.most = self._start(
-            'most', [], ['--expect', 'sdt_detector', '--peers', OTHER], self.here)
+            'most', [], ['--expect', self._apart, '--peers', OTHER], self.here)
 
     def start_detector(self, name='detector'):
         """Start the part with the detector, also after its end."""
         self.detector = self._start(
             name, self._enter,
-            ['--only', 'sdt_detector', '--expect', *MOST, '--peers', HOST], self.there)
+            ['--only', self._apart, '--expect', *self._rest, '--peers', HOST], self.there)
 
     def kill_detector(self):
         """Kill all processes of the detector's part at once, as a host that loses its power."""

@@ -3,6 +3,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -162,3 +163,12 @@ def test_host_that_is_killed_comes_back_and_only_its_outage_lacks_answers(split)
     assert lacking == list(range(lacking[0], lacking[-1] + 1))  # the outage, and no other frame
     # What came in the second after the evaluator's part knew of it may still be lost.
     assert len(lacking) <= RATE_HZ * (found['away_s'] + 1.0)
+
+
+def test_host_of_a_tile_that_is_killed_comes_back_and_every_frame_is_answered(split):
+    found = split('killed', '--tiles', '1x2')
+    assert found['restarts'] == {'sdt_2': 1}
+    assert (found['frames']['scored'], found['lacking']) == (FRAMES, [])
+    without = int(re.search(r'(\d+) frames were answered without a tile', found['log'])[1])
+    # Its outage, and what it had not answered before.
+    assert 0 < without <= RATE_HZ * (found['away_s'] + 1.0)

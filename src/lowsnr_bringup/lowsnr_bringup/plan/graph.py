@@ -42,6 +42,7 @@ CONDITIONED = '/conditioned/'
 KEY = 'ros__parameters'
 _TRUTH = ('ground_truth:=/ground_truth', 'ground_truth/odometry:=/ground_truth/odometry')
 _DETECTOR = '_detector'  # the end of the name of a detector's node
+_TILE, _MERGER = 'lowsnr_detect.tiles.tile_node', 'lowsnr_detect.tiles.merger_node'
 
 
 @dataclass(frozen=True)
@@ -117,8 +118,23 @@ class Node:
 
     @property
     def detector(self) -> bool:
-        """Whether the node runs a detector."""
+        """Whether the node publishes what a detector declares."""
         return self.name.endswith(_DETECTOR)
+
+    @property
+    def tile(self) -> bool:
+        """Whether the node runs a detector on a tile of the frame."""
+        return self.module == _TILE
+
+    @property
+    def joins(self) -> bool:
+        """Whether the node is that of a detector and joins what its tiles find."""
+        return self.module == _MERGER
+
+    @property
+    def section(self) -> str:
+        """Return the section of its parameters; a tile has those of its detector's node."""
+        return node_of(self.arguments[0]) if self.arguments else self.name
 
     @property
     def path(self) -> str:
@@ -139,7 +155,7 @@ class Node:
 def run_nodes(
     detectors: Sequence[str], source: str = 'sensor', *, camera: str = '',
     conditioned: bool = False, recorded: bool = False, viewed: bool = False,
-    composed: bool = False,
+    composed: bool = False, tiles: int = 1,
 ) -> list[Node]:
     """
     Return the nodes of a run, subscribers before publishers.
@@ -158,6 +174,8 @@ def run_nodes(
         every topic, and a viewer in each chain.
     composed
         Whether conditioner, detectors and trackers share one process.
+    tiles
+        Nodes that share the work of each detector; of several, its own node joins them.
 
     """
     live, several = bool(camera), len(detectors) > 1
@@ -172,10 +190,15 @@ def run_nodes(
         if viewed:
             nodes.append(_node(
                 'viewer', space, remaps=(*raw, *_TRUTH, *info), needed=False, live=live))
-        nodes += [
-            _node('tracker', space, remaps=info, **shared),
-            _node(node_of(name), space, arguments=(name,), live=live and not conditioned,
-                  remaps=frames if several or conditioned or live else (), **shared)]
+        nodes.append(_node('tracker', space, remaps=info, **shared))
+        reads: Values = {'live': live and not conditioned,
+                         'remaps': frames if several or conditioned or live else (), **shared}
+        if tiles > 1:
+            nodes.append(Node(node_of(name), _MERGER, space, arguments=(name,)))
+            nodes += [Node(f'{name}_{number}', _TILE, space, (name, str(number)), **reads)
+                      for number in range(1, tiles + 1)]
+        else:
+            nodes.append(_node(node_of(name), space, arguments=(name,), **reads))
     if conditioned:
         nodes.append(_node('conditioner', remaps=own, live=live, **shared))
     if recorded:  # a camera waits for no subscriber, so that its recorder starts first
@@ -187,56 +210,30 @@ def _node(name: str, namespace: str = '', **how: Any) -> Node:
     return Node(name, node_kind(name).module, namespace, **how)
 
 
-def wiring(nodes: Sequence[Node], detectors: Sequence[str], scenario: str) -> Layer:
-    """
-    Return the parameters that follow from which nodes a run has.
-
-    ``consumers`` is the number of subscribers that a node waits for before it publishes.
-    """
-    names = {node.name for node in nodes}
-    viewers, chains = int('viewer' in names), len(detectors)  # a viewer in each chain
-    # Detectors, or the conditioner in their place; evaluator and viewers.
-    frame_readers = (1 if 'conditioner' in names else chains) + 1 + chains * viewers
-    consumers = {
-        'sensor': frame_readers, 'player': frame_readers, 'conditioner': chains,
-        **{node_of(name): 2 + viewers for name in detectors},  # tracker, evaluator, viewer
-        'tracker': 1 + viewers,  # evaluator, viewer
-        'viewer': 1,  # so that it waits for its publishers
-        'evaluator': sum(node.source for node in nodes)}  # sensor or player
-    layer: dict[str, Values] = {name: {'consumers': count} for name, count in consumers.items()}
-    layer[EVERY_NODE] = {
-        'autostart': False, 'observers': int('recorder' in names),
-        'conditioned': 'conditioner' in names}
-    layer['evaluator'] |= {
-        'scenario': scenario, 'detectors': list(detectors), 'namespaces': len(detectors) > 1}
-    for node in nodes:
-        if node.live:
-            layer.setdefault(node.name, {})['live'] = True
-    return layer
-
-
 def parameters(nodes: Iterable[Node], *layers: Layer) -> dict[str, Values]:
     """Return the parameters of every node by its full name, as :func:`merged` merges them."""
-    return {node.path: merged(node.name, layers) for node in nodes}
+    return {node.path: merged(node.section, layers, node.name) for node in nodes}
 
 
-def merged(name: str, layers: Iterable[Layer]) -> Values:
+def merged(section: str, layers: Iterable[Layer], name: str = '') -> Values:
     """
     Return the parameters of a node.
 
     Parameters
     ----------
-    name
-        Name of the node.
+    section
+        Section of the node, which is its name but for a tile.
     layers
         A later layer wins over an earlier one.  Within a layer the node's own section wins over
         ``'/**'``, whose values reach the nodes that declare them.
+    name
+        Name of the node, for a section of its own besides.
 
     """
-    declared = {key for cls in settings_classes(name) for key in declared_settings(cls)}
+    declared = {key for cls in settings_classes(section) for key in declared_settings(cls)}
     return {
-        key: value for layer in layers for section in (EVERY_NODE, name)
-        for key, value in layer.get(section, {}).items() if key in declared}
+        key: value for layer in layers for each in (EVERY_NODE, section, name)
+        for key, value in layer.get(each, {}).items() if key in declared}
 
 
 def build(cls: type[T], values: Mapping[str, Any], label: str) -> T:

@@ -64,6 +64,7 @@ class RunOptions:
     camera: str | None = None
     statistic_map: bool = False
     composed: bool = False
+    tiles: tuple[int, int] = (1, 1)  # down and across
 
     def __post_init__(self) -> None:
         if self.camera is not None:
@@ -72,6 +73,8 @@ class RunOptions:
             raise ValueError('--condition on: simulated frames are not conditioned')
         if self.view_port:
             check_ports(self.view_port + n for n in range(len(self.detectors)))
+        if self.composed and self.tiles != (1, 1):
+            raise ValueError('--tiles: not allowed with --composed, which puts all in one process')
         if self.replay is not None and self.loop:
             raise ValueError('--loop: a bag is replayed once')
 

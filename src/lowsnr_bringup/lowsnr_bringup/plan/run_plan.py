@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+import math
 from pathlib import Path
 import re
 
@@ -24,18 +25,18 @@ from lowsnr_bringup.plan.recorded_frames import RecordedRun
 from lowsnr_bringup.plan.run_options import RunOptions
 from lowsnr_bringup.plan.sources import find_source
 from lowsnr_bringup.plan.sources import Look
-from lowsnr_bringup.plan.sources import MATCHED
 from lowsnr_bringup.plan.sources import Source
-from lowsnr_common.core.motion import MotionModes
-from lowsnr_detect.calibration.operating_point import known_curve
+from lowsnr_bringup.plan.start_notes import blurred
+from lowsnr_bringup.plan.start_notes import start_at_once
+from lowsnr_bringup.plan.start_notes import too_fast
+from lowsnr_bringup.plan.wiring import divide
+from lowsnr_bringup.plan.wiring import wiring
 from lowsnr_detect.grid.fixed_lag import lag_of
 from lowsnr_detect.parts.detector import Detector
 from lowsnr_detect.parts.registry import detector_class
-from lowsnr_track.pda_mmpf import PdaMmpf
 
 # A source in lockstep waits this much longer for a frame than the evaluator does [s].
 _PATIENCE_BEYOND_S = 5.0
-_ROUNDING = 1.001
 
 
 @dataclass(frozen=True)
@@ -94,20 +95,19 @@ def plan_run(
         check_new(options.record)
     given = partial(graph.merged, layers=(files, overrides))
     source = find_source(options, config_folder, given, look, array)
-    nodes = graph.run_nodes(
-        detectors, source.node, camera=source.camera, conditioned=source.conditioned,
-        recorded=options.record is not None, viewed=options.view, composed=options.composed)
+    nodes = _nodes(options, detectors, source)
     parameters = graph.parameters(
         nodes,  # from the weakest layer to the strongest
         source.defaults,  # SNR and frame size of the scenario
         files,  # config/*.yaml
         source.facts,  # what the frames are, whatever the files state
         options.parameters(),  # --snr, --seed, --rate ...
-        graph.wiring(nodes, detectors, source.name),  # how many subscribers each node has
+        wiring(nodes, detectors, source.name),  # how many subscribers each node has
         overrides)  # --set
     built = _build_detectors(nodes, parameters)
-    notes = (*source.notes, *_start_at_once(source, built, parameters, overrides),
-             *_too_fast(source, built, nodes, parameters), *_blurred(built))
+    notes = (*source.notes, *start_at_once(source, built, parameters, overrides),
+             *too_fast(source, built, nodes, parameters), *blurred(built))
+    divide(nodes, parameters, built, options.tiles)
     _fill_in(source, nodes, parameters, built)
     _check(nodes, parameters)
     # A bag may give its scenario any name; the results stay in their folder.
@@ -117,11 +117,20 @@ def plan_run(
         not _frames(source, parameters) if options.respawn is None else options.respawn)
 
 
+def _nodes(
+    options: RunOptions, detectors: Sequence[str], source: Source,
+) -> list[graph.Node]:
+    return graph.run_nodes(
+        detectors, source.node, camera=source.camera, conditioned=source.conditioned,
+        recorded=options.record is not None, viewed=options.view, composed=options.composed,
+        tiles=math.prod(options.tiles))
+
+
 def _check(nodes: Sequence[graph.Node], parameters: Mapping[str, Values]) -> None:
     """Check the parameters of every node; ValueError names the node."""
     for node in nodes:
         values = parameters[node.path]
-        for cls in graph.settings_classes(node.name):
+        for cls in graph.settings_classes(node.section):
             check_destinations(node.label, graph.build(cls, values, node.label), (
                 values.get('rows', 0), values.get('cols', 0)))
 
@@ -132,68 +141,11 @@ def _build_detectors(
     built: dict[str, Detector] = {}
     for node in nodes:
         if node.detector:
-            *_, cls = graph.settings_classes(node.name)
+            *_, cls = graph.settings_classes(node.section)
             values = parameters[node.path]
             built[node.path] = graph.build(cls, values, node.label)
             check_detector(node.label, built[node.path], values)
     return built
-
-
-def _start_at_once(
-    source: Source, detectors: Mapping[str, Detector], parameters: Mapping[str, Values],
-    overrides: graph.Layer,
-) -> tuple[str, ...]:
-    """
-    Make matched detectors of a camera nominal if they would have to be calibrated first.
-
-    A camera waits for no simulation, unless ``--set`` asks for it.  Return a line for each.
-    """
-    notes = []
-    for path, detector in detectors.items() if source.camera else ():
-        values, node = parameters[path], path.rpartition('/')[2]
-        shape = (values['rows'], values['cols'])
-        if (values.get('operating_point', MATCHED) == MATCHED
-                and 'operating_point' not in overrides.get(node, ())
-                and known_curve(detector, shape) is None):
-            values['operating_point'] = 'nominal'
-            name = node.removesuffix('_detector')
-            notes.append(
-                f'{name} is not calibrated for frames of {shape[1]} x {shape[0]} cells: it starts '
-                'with its nominal threshold, whose false-alarm rate is not known: --detector auto '
-                f'needs no calibration; python scripts/calibrate.py --detector {name} --snr '
-                f'{detector.sensor.snr_db:g} --rows {shape[0]} --cols {shape[1]} makes one for '
-                'later starts')
-    return tuple(notes)
-
-
-def _too_fast(
-    source: Source, detectors: Mapping[str, Detector], nodes: Sequence[graph.Node],
-    parameters: Mapping[str, Values],
-) -> tuple[str, ...]:
-    """Return a line if objects of the scenario are faster than models of motion allow."""
-    models: dict[str, MotionModes] = {
-        node.label: graph.build(PdaMmpf, parameters[node.path], node.label).motion
-        for node in nodes if node.name == 'tracker'} | {
-        path.rpartition('/')[2].removesuffix('_detector'): detector.motion
-        for path, detector in detectors.items()
-        if hasattr(detector, 'motion') and getattr(detector, 'move_prior', True)}
-    slower = {name: motion.max_speed_mps for name, motion in models.items()
-              if source.fastest_mps > _ROUNDING * motion.max_speed_mps}
-    if not slower:
-        return ()
-    limits = ', '.join(f'{name} {limit:g}' for name, limit in slower.items())
-    return (f'{source.name}: an object moves at up to {source.fastest_mps:.3g} m/s, more than '
-            f'motion.max_speed_mps ({limits}): --set tracker.motion.max_speed_mps='
-            f'{source.fastest_mps:.3g} raises that of the tracker',)
-
-
-def _blurred(detectors: Mapping[str, Detector]) -> tuple[str, ...]:
-    """Return a line with the SNR of the brightest cell where objects are blurred."""
-    sensors = dict.fromkeys(detector.sensor for detector in detectors.values())
-    return tuple(
-        f'SNR {sensor.snr_db:g} dB is that of the energy of a blurred object; in the middle of a '
-        f'cell its brightest cell has {sensor.peak_snr_db:.1f} dB'
-        for sensor in sensors if sensor.blur_m > 0.0)
 
 
 def _fill_in(

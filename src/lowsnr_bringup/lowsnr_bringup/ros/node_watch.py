@@ -18,6 +18,7 @@ from lowsnr_common.ros.diagnostics import faults_of
 from lowsnr_common.ros.inputs import NO_PUBLISHER
 from lowsnr_common.ros.inputs import SILENT
 from lowsnr_common.ros.managed_node import BROKEN
+from lowsnr_detect.tiles.tile_join import WITHOUT_TILE
 
 # A fault that has not been reported for this long counts as a new one.
 _NEW_AFTER_S = 60.0
@@ -98,6 +99,32 @@ class StrangerWatch:
             return False
         now_s = self._clock()
         return now_s - self._nameless_s.setdefault(key, now_s) < _NAMED_WITHIN_S
+
+
+class TileWatch:
+    """
+    Prints which tile of a divided detector is missing, and at the end in how many frames one was.
+
+    ``label`` is the name for people of the node that joins the tiles.
+    """
+
+    def __init__(self, label: str, clock: Callable[[], float] = time.monotonic) -> None:
+        self._label, self._printer = label, _FaultPrinter(clock)
+        self._missed: dict[str, int] = {}  # frames without a tile, by process of the node
+
+    def update(self, status: DiagnosticStatus) -> None:
+        """Take the newest status of the node."""
+        values = {item.key: item.value for item in status.values}
+        self._missed[values['process']] = int(values.get(WITHOUT_TILE, 0))
+        for key, sentence in faults_of(status).items():
+            if key.endswith(f' {WITHOUT_TILE}'):
+                self._printer.update(key, f'{self._label}: {sentence}')
+
+    def sum_up(self) -> None:
+        """Print in how many frames a tile was missing, if in any."""
+        if count := sum(self._missed.values()):
+            notify(f'{self._label}: {count} frames were answered without a tile: nothing was '
+                   'declared in its cells')
 
 
 @dataclass

@@ -21,6 +21,7 @@ from lowsnr_bringup.ros.manager import GraphFailure
 from lowsnr_bringup.ros.manager import Manager
 from lowsnr_bringup.ros.node_watch import FrameWatch
 from lowsnr_bringup.ros.node_watch import ResultsWatch
+from lowsnr_bringup.ros.node_watch import TileWatch
 from lowsnr_bringup.ros.respawner import Respawner
 from lowsnr_bringup.run.forked_nodes import NodeServer
 from lowsnr_bringup.run.hang_watch import HangWatch
@@ -34,8 +35,7 @@ from lowsnr_bringup.run.results_folder import start_files
 from lowsnr_bringup.run.stop_signals import StopSignals
 from tqdm import tqdm
 
-_END_WITHIN_S = 30.0
-_FLUSH_WITHIN_S = _HEARD_WITHIN_S = 2.0
+_END_WITHIN_S, _FLUSH_WITHIN_S, _HEARD_WITHIN_S = 30.0, 2.0, 2.0
 # Time beyond that of the evaluator's own wait for answers, after which no frame will be scored.
 _PATIENCE_BEYOND_S = 2.0
 DONE, FAILED, INTERRUPTED = 0, 1, 130
@@ -87,14 +87,17 @@ class Supervisor:
         expect_within_s: float = float('inf'),
     ) -> None:
         self._part, self._nodes, self._expect_within_s = part, part.own, expect_within_s
-        self._folder, self._frames = folder, frames
+        self._folder, self._frames, self._stop, self._respawn = folder, frames, stop, respawn
         self._patience_s = answer_within_s + _PATIENCE_BEYOND_S
         self._hang_watch = HangWatch(answer_within_s)
         self._environment, self._server, self._claim = environment, server, claim
         self._stops_faster: int | None = None  # once the run ends: signals that end it faster
-        self._stop, self._respawn = stop, respawn
-        self._watch = FrameWatch(live=any(node.live for node in part.own))
         self.account, self.results = Account(), ResultsWatch()
+        self._tiles = {node.path: TileWatch(node.label) for node in part.own if node.joins}
+        taker = next((node.path for node in reversed(part.own) if node.takes_raw), '')
+        self._watches: dict[str, FrameWatch | ResultsWatch | TileWatch] = {
+            taker: FrameWatch(live=any(node.live for node in part.own)),
+            '/evaluator': self.results, **self._tiles}
         self._missed: dict[Node, str] = {}  # nodes that stay dead, and how they died
 
     def run(self) -> tuple[int, str]:
@@ -147,6 +150,8 @@ class Supervisor:
             self._group.stop(self._manager.catch_up)
             self._manager.catch_up()  # what they said at last belongs to the account
             self._watch_nodes()
+            for watch in self._tiles.values():
+                watch.sum_up()
             self.account = self._manager.account()
 
     def _follow(self) -> None:
@@ -217,9 +222,8 @@ class Supervisor:
                     member, how, '; only with --respawn does bring-up start it again')
 
     def _watch_nodes(self) -> None:
-        """Print the faults of the node that takes raw frames, and of the evaluator's results."""
-        taker = next((node.path for node in reversed(self._nodes) if node.takes_raw), '')
-        for path, watch in ((taker, self._watch), ('/evaluator', self.results)):
+        """Print the faults of raw frames, of the evaluator's results, and of missing tiles."""
+        for path, watch in self._watches.items():
             if path in self._manager.reports.statuses:
                 watch.update(self._manager.reports.statuses.pop(path))
 

@@ -140,6 +140,16 @@ class DetectionSettings(_Checked):
 
 
 @dataclass(frozen=True, kw_only=True)
+class TileSettings(_Checked):
+    """Settings of the nodes of a divided detector: its tiles, and how long they are waited for."""
+
+    tiles_down: int = setting(0, 'rows of tiles of a frame', ge=0, le=16)
+    tiles_across: int = setting(0, 'columns of tiles of a frame', ge=0, le=16)
+    tile_within_s: float = setting(
+        5.0, 'longest wait of a frame for a tile, after the first one [s]', gt=0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
 class ViewSettings(_Checked):
     """Settings of the viewer: how overlay, markers and live page look."""
 

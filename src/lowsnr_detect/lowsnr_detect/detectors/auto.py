@@ -61,6 +61,11 @@ class Auto(CellDetector):
             motion=self.motion, headroom=_HEADROOM, **same)
 
     @property
+    def halo(self) -> int:
+        """Return the larger one of both members."""
+        return max(member.halo or 0 for member in self.members)
+
+    @property
     def frames_per_declaration(self) -> int:
         """Return the number of frames over which errors of declarations are correlated."""
         return CORRELATED_FRAMES

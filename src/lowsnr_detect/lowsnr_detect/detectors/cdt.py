@@ -22,6 +22,11 @@ import numpy as np
 class CDT(CellDetector):
     """Conventional detection: declare the cells with ``ln L(z) > ln th``, eq. (4)."""
 
+    @property
+    def halo(self) -> int:
+        """Return the reach of the blur."""
+        return self.sensor.blur_reach
+
     def statistic(self, state: None, frame: np.ndarray) -> tuple[None, np.ndarray]:
         """Return no memory, and ln L of every cell of a frame (..., rows, cols)."""
         plane, factor, offset = ratio_terms(self.sensor, frame)

@@ -28,11 +28,15 @@ from lowsnr_detect.parts.cell_detector import CellDetector
 from lowsnr_detect.parts.detector import CORRELATED_FRAMES
 from lowsnr_detect.parts.moves import best_vicinity
 from lowsnr_detect.parts.moves import move_model
+from lowsnr_detect.parts.moves import move_radius
 from lowsnr_detect.parts.moves import shifted
 from lowsnr_detect.parts.path_kernels import extend_sums
 from lowsnr_detect.parts.registry import register
 from lowsnr_detect.parts.wald_bounds import ratio_terms
 import numpy as np
+
+# Frames after which the start of a sum is taken to be forgotten at the edges of a tile.
+_REMEMBERED = 32
 
 
 def page_recursion(
@@ -89,6 +93,15 @@ class CUSUM(CellDetector):
     regions: int = setting(
         1, 'sub-regions of the frame that are processed in parallel; the result is the same',
         ge=1, le=64)
+
+    @property
+    def halo(self) -> int:
+        """
+        Return how far a path comes from in 32 frames, with the blur.
+
+        Note: a sum has no longest path; older starts are forgotten where it was capped or zero.
+        """
+        return self.sensor.blur_reach + _REMEMBERED * move_radius(self.motion, self.sensor)
 
     @property
     def frames_per_declaration(self) -> int:

@@ -39,7 +39,6 @@ from lowsnr_common.images.bands import in_bands
 from lowsnr_common.settings.declare import setting
 from lowsnr_detect.parts.cell_detector import CellDetector
 from lowsnr_detect.parts.destination_moves import log_destination_terms
-from lowsnr_detect.parts.detector import Declarations
 from lowsnr_detect.parts.moves import best_vicinity
 from lowsnr_detect.parts.moves import move_model
 from lowsnr_detect.parts.moves import vicinity_max
@@ -170,16 +169,9 @@ class SDT(CellDetector):
         none = (self.max_iterations - 1, *shape)
         return Paths(np.full(none, -np.inf, np.float32), 0, self.destination)
 
-    def step(
-        self, state: Paths, frame: np.ndarray, rng: np.random.Generator,
-    ) -> tuple[Paths, Declarations]:
-        """Make the test of eqs. (5) to (8) in a frame (..., rows, cols); ``rng`` is not used."""
-        paths, decided, row_peaks = self._tested(state, frame, self._bounds)
-        return paths, self.declare(decided, row_peaks)
-
     def statistic(self, state: Paths, frame: np.ndarray) -> tuple[Paths, np.ndarray]:
         """Make the test in a frame; return the largest decided ln L_M of every cell."""
-        paths, decided, most = self._tested(state, frame, (*self._bounds[:2], -np.inf))
+        paths, decided, most = self.tested(state, frame, (*self._bounds[:2], -np.inf))
         decided[np.isneginf(most)] = -np.inf
         return paths, decided
 
@@ -188,10 +180,11 @@ class SDT(CellDetector):
         upper = wald_bounds(self.alpha, self.beta)[1]
         return replace(self, threshold=0.0, upper_threshold=upper)
 
-    def _tested(
-        self, state: Paths, frame: np.ndarray, bounds: tuple[float, float, float],
+    def tested(
+        self, state: Paths, frame: np.ndarray, bounds: tuple[float, float, float] | None = None,
     ) -> tuple[Paths, np.ndarray, np.ndarray]:
         """Return what :func:`sequential_test` does, as ln L_M: rows above the last bound only."""
+        bounds = bounds or self._bounds
         plane, factor, offset = ratio_terms(self.sensor, frame)
         before, start = self._moved(state, frame.shape)
         before = before.reshape(-1, *plane.shape)
@@ -226,6 +219,13 @@ class SDT(CellDetector):
                 state.destination, self.motion, self.sensor, number, shape)
             log_prob = log_prob[:, None, None] + log_moves[near]
         return best_vicinity(state.log_ratio, model.moves[near], log_prob, self.regions), start
+
+    @property
+    def halo(self) -> int | None:
+        """Return how far a path comes from, with the blur; None where more decides its start."""
+        if self.restart == 'unused' or self.destination.probability:
+            return None
+        return self.sensor.blur_reach + self.radius * (self.max_iterations - 1)
 
     @property
     def frames_per_declaration(self) -> int:

@@ -25,6 +25,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from dataclasses import replace
 import functools
+import math
 from typing import ClassVar
 
 from lowsnr_common.images.bands import in_bands
@@ -147,6 +148,20 @@ class VelocityBank(CellDetector):
         ge=1, le=64)
 
     @property
+    def halo(self) -> int:
+        """
+        Return how far the fastest velocity comes from while a frame weighs 1e-4 or more.
+
+        Note: older frames change a sum by less than the step in which it is stored.
+        """
+        return math.ceil(self.fastest * (1 + self._remembered))
+
+    @property
+    def _remembered(self) -> int:
+        """Return the frames after which one weighs less than 1e-4."""
+        return 0 if self.fading == 0.0 else int(np.log(_LEAST_WEIGHT) / np.log(self.fading))
+
+    @property
     def frames_per_declaration(self) -> int:
         """Return the number of frames over which errors of declarations are correlated."""
         return CORRELATED_FRAMES
@@ -190,8 +205,7 @@ class VelocityBank(CellDetector):
 
     def std(self, frame: int) -> np.ndarray:
         """Return the standard deviation of D_k for white noise, (V,), in frame number k."""
-        oldest = 0 if self.fading == 0.0 else int(np.log(_LEAST_WEIGHT) / np.log(self.fading))
-        back = np.arange(min(frame, oldest + 1))
+        back = np.arange(min(frame, self._remembered + 1))
         stays = np.all(
             places(self.velocity, (frame - back)[:, None, None]) == places(self.velocity, frame),
             axis=-1)

@@ -27,8 +27,8 @@ class CellDetector:
     """
     Settings and declarations of a detector whose statistic is one plane of cells.
 
-    A subclass computes the plane in :meth:`statistic`; one that overrides ``step`` for its speed
-    declares the same.
+    A subclass computes the plane in :meth:`statistic`; one that overrides :meth:`tested` for its
+    speed declares the same.
     """
 
     feedback: ClassVar[bool] = False
@@ -68,6 +68,15 @@ class CellDetector:
     def peak_reach(self) -> int:
         """Return the cells on each side within which a local maximum is the largest."""
         return max(self.suppressed_reach, 1)
+
+    @property
+    def halo(self) -> int | None:
+        """
+        Return the cells around a tile whose measurements act on the statistic inside.
+
+        None where the statistic cannot be computed by tiles, or it is not known that it can.
+        """
+        return None
 
     @functools.cached_property
     def position_std_m(self) -> float:
@@ -112,8 +121,19 @@ class CellDetector:
         self, state: Any, frame: np.ndarray, rng: np.random.Generator,
     ) -> tuple[Any, Declarations]:
         """Declare the cells of a frame whose statistic exceeds the threshold."""
-        state, plane = self.statistic(state, frame)
-        return state, self.declare(plane)
+        state, plane, row_peaks = self.tested(state, frame)
+        return state, self.declare(plane, row_peaks)
+
+    def tested(
+        self, state: Any, frame: np.ndarray,
+    ) -> tuple[Any, np.ndarray, np.ndarray | None]:
+        """
+        Return what :meth:`statistic` does, and what :meth:`declare` needs besides.
+
+        A subclass that knows the largest statistic of each row (..., rows) returns it too, and
+        leaves rows without a declaration undefined.
+        """
+        return *self.statistic(state, frame), None
 
     def statistic_map(self, before: Any, frame: np.ndarray, after: Any) -> np.ndarray:
         """Return the statistic of each cell of a frame (..., rows, cols) minus the threshold."""

@@ -46,18 +46,45 @@ def with_centroids(
         return declared
     run = np.nonzero(found.reshape(-1, found.shape[-1]))[0]
     col, row = np.rint(declared.state[found][:, POS].T / cell_size_m).astype(np.intp)
-    window = _windows(plane.reshape(-1, *plane.shape[-2:]), run, row, col, reach)
+    shift, spread = centroids(
+        plane.reshape(-1, *plane.shape[-2:]), (run, row, col), reach, cell_size_m)
+    state, cov = declared.state.copy(), declared.cov.copy()
+    state[found] += shift @ _POSITION
+    # NaN stays where the velocity is not estimated.
+    cov[found] = 0.0 * cov[found] + _POSITION.T @ spread @ _POSITION
+    return replace(declared, state=state, cov=cov)
+
+
+def centroids(
+    planes: np.ndarray, cells: tuple[np.ndarray, np.ndarray, np.ndarray], reach: int,
+    cell_size_m: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return how far centroids x, y are from the centres of cells, and their covariance.
+
+    Parameters
+    ----------
+    planes : (B, rows, cols) ndarray
+        Log-likelihood ratio of each cell [nat].
+    cells
+        Run, row and column of each cell, (n,) each.
+    reach, cell_size_m
+        As for :func:`with_centroids`.
+
+    Returns
+    -------
+    (n, 2) ndarray, (n, 2, 2) ndarray
+        In m and m^2.
+
+    """
+    window = _windows(planes, *cells, reach)
     weight = np.exp(window - window.max(axis=-1, keepdims=True))
     weight /= weight.sum(axis=-1, keepdims=True)
     offset = cell_size_m * _offsets(reach)[:, ::-1]
     shift = weight @ offset
-    state, cov = declared.state.copy(), declared.cov.copy()
-    state[found] += shift @ _POSITION
     squares = np.einsum('dw,wi,wj->dij', weight, offset, offset, optimize=True)
-    spread = squares - shift[:, :, None] * shift[:, None, :] + cell_size_m**2 / 12.0 * np.eye(2)
-    # NaN stays where the velocity is not estimated.
-    cov[found] = 0.0 * cov[found] + _POSITION.T @ spread @ _POSITION
-    return replace(declared, state=state, cov=cov)
+    return shift, (
+        squares - shift[:, :, None] * shift[:, None, :] + cell_size_m**2 / 12.0 * np.eye(2))
 
 
 def _offsets(reach: int) -> np.ndarray:

@@ -77,7 +77,7 @@ def move_model(motion: MotionModes, sensor: SensorModel, order: int) -> MoveMode
         Its moves go at most as many cells as the highest speed covers, rounded up.
 
     """
-    radius = max(1, math.ceil(motion.max_speed_mps * sensor.frame_period_s / sensor.cell_size_m))
+    radius = move_radius(motion, sensor)
     steps, velocity = _simulated_moves(motion, sensor, order + 1)
     near = np.all(abs(steps) <= radius, axis=(1, 2))
     side = 2 * radius + 1
@@ -98,6 +98,11 @@ def move_model(motion: MotionModes, sensor: SensorModel, order: int) -> MoveMode
     return MoveModel(
         moves, kernel.transpose(1, 2, 0).copy(), history / history.sum(),
         mean.reshape(dropped, kept, 2), cov.reshape(dropped, kept, 2, 2))
+
+
+def move_radius(motion: MotionModes, sensor: SensorModel) -> int:
+    """Return how many cells an object moves at most in a frame, along an axis."""
+    return max(1, math.ceil(motion.max_speed_mps * sensor.frame_period_s / sensor.cell_size_m))
 
 
 def shifted(plane: np.ndarray, move: np.ndarray, fill: float) -> np.ndarray:

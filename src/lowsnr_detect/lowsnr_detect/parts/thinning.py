@@ -59,15 +59,39 @@ def declare_cells(
     peak = np.maximum.reduce(row_peaks, axis=-1, dtype=float)
     if not np.count_nonzero(peak > threshold):
         return Declarations(peak, *_empty_slots(plane.shape[:-2], most))
+    crossed, excess = crossed_cells(
+        plane, threshold, row_peaks, most * (2 * max(reach, shadow_reach) + 1) ** 2)
+    return thinned(crossed, excess, plane.shape, peak, reach, most, cell_size_m, position_std_m,
+                   shadow_reach)
+
+
+def crossed_cells(
+    plane: np.ndarray, threshold: float, row_peaks: np.ndarray, count: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return the cells of a plane (..., rows, cols) above a threshold, and their excess over it.
+
+    Parameters
+    ----------
+    plane, threshold, row_peaks
+        As for :func:`declare_cells`.
+    count
+        Of a frame with more of them the strongest are enough, at least so many.
+
+    Returns
+    -------
+    (n,) ndarray of int
+        Flat index of each cell, ascending.
+    (n,) ndarray
+        By how much its statistic exceeds the threshold [nat].
+
+    """
     bound = floor32(threshold)
     rows = np.flatnonzero(row_peaks > bound)
     found = plane.reshape(-1, plane.shape[-1])[rows]
     row, col = np.nonzero(found > bound)
-    crossed, excess = _strongest(
-        rows[row] * plane.shape[-1] + col, found[row, col].astype(float) - threshold,
-        math.prod(plane.shape[-2:]), most * (2 * max(reach, shadow_reach) + 1) ** 2)
-    return _thinned(crossed, excess, plane.shape, peak, reach, most, cell_size_m, position_std_m,
-                    shadow_reach)
+    crossed, excess = rows[row] * plane.shape[-1] + col, found[row, col].astype(float) - threshold
+    return _strongest(crossed, excess, math.prod(plane.shape[-2:]), count)
 
 
 @functools.lru_cache(maxsize=8)
@@ -92,6 +116,8 @@ def _strongest(
     Each declaration suppresses at most the cells of a square, so a weaker cell than the strongest
     of that many squares as there may be declarations cannot become one.
     """
+    if crossed.size <= count:
+        return crossed, excess
     kept = np.ones(crossed.size, dtype=bool)
     edges = np.searchsorted(crossed, np.arange(0, crossed[-1] + cells + 1, cells))
     for first in np.flatnonzero(np.diff(edges) > count):
@@ -100,11 +126,15 @@ def _strongest(
     return crossed[kept], excess[kept]
 
 
-def _thinned(
+def thinned(
     crossed: np.ndarray, excess: np.ndarray, shape: tuple[int, ...], peak: np.ndarray, reach: int,
     most: int, cell_size_m: float, position_std_m: float, shadow_reach: int,
 ) -> Declarations:
-    """Declare the strongest of the cells ``crossed`` (n,), one after the other."""
+    """
+    Declare the strongest of the cells that :func:`crossed_cells` returns, one after the other.
+
+    ``shape`` is that of the plane and ``peak`` its largest statistic of each frame [nat].
+    """
     batch, (rows, cols) = shape[:-2], shape[-2:]
     runs = math.prod(batch)
     run, cell = np.divmod(crossed, rows * cols)
