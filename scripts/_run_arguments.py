@@ -65,7 +65,7 @@ def extras_of(options: argparse.Namespace) -> tuple[str, ...]:
 
 
 def modules_of(options: argparse.Namespace) -> list[tuple[str, ...]]:
-    """Return modules that nodes of the run need, with what their ``preload`` is to get ready."""
+    """Return modules that one node needs each, with the arguments of their ``preload``."""
     real = options.camera or options.replay
     conditioner = [('lowsnr_sensor.conditioner_node',)] if real else []
     return conditioner + [

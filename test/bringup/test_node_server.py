@@ -19,11 +19,13 @@ import pytest
 # Says what process it is, and ends as its second word asks.
 MODULE = """
 import os
+from pathlib import Path
 import sys
 import threading
 import time
 def preload(*words):
     sys.made_preloaded = f'{os.getppid()},{",".join(words)}'
+    Path(__file__).with_name('preloaded').touch()
 if __name__ == '__main__':
     from lowsnr_common.core.process_setup import end_with_starter
     print(sys.argv[1:3], os.getpid(), os.getsid(0), os.environ.get('MARK'),
@@ -95,6 +97,7 @@ def test_exit_status_and_output_are_those_of_a_process(group, tmp_path, word, st
 
 
 def test_forked_node_is_a_process_of_its_own(group, tmp_path, server):
+    wait_for((tmp_path / 'preloaded').exists)
     member = group.start(node('wait'), tmp_path / 'none.yaml')
     wait_for(lambda: 'waits' in member.log.read_text())
     pid = member.process.pid
@@ -141,21 +144,22 @@ def test_server_compiles_nothing(tmp_path, environment, monkeypatch):
     detector = ('lowsnr_detect.node.warm_up', 'sdt', 'matched')
     with NodeServer(('made_loop',), detector, ('made_for_test',)) as server, (
             ProcessGroup(tmp_path / 'log', os.environ, server)) as group:
+        wait_for((tmp_path / 'preloaded').exists)
         member = group.start(node('0'), tmp_path / 'none.yaml')
         assert isinstance(member.process, ForkedProcess)
         assert member.process.wait(ENDS_WITHIN_S) == 0
     assert not [*cache.rglob('*.nbc')]
 
 
-def test_server_has_only_the_threads_that_rclpy_starts(environment, monkeypatch):
+def test_server_has_only_the_threads_that_rclpy_starts(environment, tmp_path, monkeypatch):
     """A thread that takes a lock would keep it locked in every forked node."""
     monkeypatch.setenv('PYTHONPATH', environment['PYTHONPATH'])
     code = 'import psutil, rclpy; print(psutil.Process().num_threads())'
     bare = subprocess.run([sys.executable, '-c', code], capture_output=True, check=True)
     with NodeServer(
             ('lowsnr_sensor.conditioner_node',),
-            ('lowsnr_detect.node.warm_up', 'auto', 'adaptive')) as server:
-        server.wait()
+            ('lowsnr_detect.node.warm_up', 'auto', 'adaptive'), ('made_for_test',)) as server:
+        wait_for((tmp_path / 'preloaded').exists)
         assert psutil.Process(server.process.pid).num_threads() == int(bare.stdout)
 
 

@@ -63,13 +63,13 @@ class NodeServer:
     """
     The server as bring-up sees it; use it as a context manager.
 
-    It starts to import at once, while bring-up plans the run.  ``process`` is None where there is
-    no server.
+    It starts at once to import what nodes share, while bring-up plans the run.  ``process`` is
+    None where there is no server.
 
     Parameters
     ----------
     *modules
-        What to import besides what every run needs: name, and arguments of its ``preload``.
+        What it imports later, for nodes that start again: name, and arguments of ``preload``.
 
     """
 
