@@ -65,6 +65,15 @@ def extras_of(options: argparse.Namespace) -> tuple[str, ...]:
     return ('bags',) * bool(options.record) + ('images',) * bool(options.camera or options.view)
 
 
+def modules_of(options: argparse.Namespace) -> list[tuple[str, ...]]:
+    """Return modules that one node needs each, with the arguments of their ``preload``."""
+    real = options.camera or options.replay
+    conditioner = [('lowsnr_sensor.conditioner_node',)] if real else []
+    return conditioner + [
+        ('lowsnr_detect.node.warm_up', name, 'adaptive' if real else 'matched')
+        for name in options.detectors]
+
+
 def print_parameters(described: Iterable[tuple[str, Any, str, str]]) -> None:
     """Print parameters that ``--set`` takes, with value, meaning and allowed values."""
     for name, value, allowed, text in described:

@@ -25,6 +25,7 @@ from _network import opened
 from _network import secure
 from _network import set_environment
 from _run_arguments import extras_of
+from _run_arguments import modules_of
 from _run_arguments import parse_arguments
 from _run_arguments import print_parameters
 from ros2 import line_to_copy
@@ -52,8 +53,7 @@ def main() -> int:
     set_environment(options)
     from lowsnr_bringup.run.forked_nodes import NodeServer
     from lowsnr_bringup.run.stop_signals import StopSignals
-    real = ['lowsnr_sensor.conditioner_node'] if options.camera or options.replay else []
-    with StopSignals() as stop, NodeServer(real) as server:
+    with StopSignals() as stop, NodeServer(*modules_of(options)) as server:
         return plan_and_run(options, stop, server)
 
 

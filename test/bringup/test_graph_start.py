@@ -89,6 +89,12 @@ def test_all_are_configured_at_once_and_then_activated_in_order():
     assert graph.made[len(NODES):] == [(node, ACTIVATE) for node in NODES]
 
 
+def test_node_is_asked_in_the_step_in_which_the_answer_before_has_come():
+    graph = Graph()
+    graph.run()
+    assert graph.now_s == 1 + STEPS_TO_ANSWER * (1 + len(NODES))
+
+
 def test_nodes_that_die_at_any_step_become_active_in_order_again(seed):
     for trial in range(200):
         rng, graph, away = np.random.default_rng([seed, trial]), Graph(), {}

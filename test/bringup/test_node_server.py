@@ -19,11 +19,13 @@ import pytest
 # Says what process it is, and ends as its second word asks.
 MODULE = """
 import os
+from pathlib import Path
 import sys
 import threading
 import time
-def preload():
-    sys.made_preloaded = os.getppid()
+def preload(*words):
+    sys.made_preloaded = f'{os.getppid()},{",".join(words)}'
+    Path(__file__).with_name('preloaded').touch()
 if __name__ == '__main__':
     from lowsnr_common.core.process_setup import end_with_starter
     print(sys.argv[1:3], os.getpid(), os.getsid(0), os.environ.get('MARK'),
@@ -36,6 +38,15 @@ if __name__ == '__main__':
         raise RuntimeError('as asked')
     sys.exit(int(sys.argv[2]))
 """
+# Its loop is compiled at its first call.
+LOOP = """
+from lowsnr_common.core.compiled import compiled
+@compiled
+def increased(x):
+    return x + 1
+def preload():
+    increased(1)
+"""
 ENDS_WITHIN_S = 30.0
 
 
@@ -43,6 +54,7 @@ ENDS_WITHIN_S = 30.0
 def environment(tmp_path):
     """Return an environment in which the module of the test can be imported."""
     (tmp_path / 'made_for_test.py').write_text(MODULE)
+    (tmp_path / 'made_loop.py').write_text(LOOP)
     return {**os.environ, 'PYTHONPATH': os.pathsep.join([str(tmp_path), *sys.path])}
 
 
@@ -50,7 +62,7 @@ def environment(tmp_path):
 def server(environment, monkeypatch):
     """Return a server that imports in this environment."""
     monkeypatch.setenv('PYTHONPATH', environment['PYTHONPATH'])
-    with NodeServer(['made_for_test']) as started:
+    with NodeServer(('made_for_test', 'one', 'two')) as started:
         yield started
 
 
@@ -85,14 +97,15 @@ def test_exit_status_and_output_are_those_of_a_process(group, tmp_path, word, st
 
 
 def test_forked_node_is_a_process_of_its_own(group, tmp_path, server):
+    wait_for((tmp_path / 'preloaded').exists)
     member = group.start(node('wait'), tmp_path / 'none.yaml')
     wait_for(lambda: 'waits' in member.log.read_text())
     pid = member.process.pid
     words, rest = member.log.read_text().splitlines()[0].split('] ')
     assert words == "['first', 'wait'"
     # Process id, session, environment, whether rclpy was there before the node imported it, and
-    # what the module loaded in the server, a child of this process.
-    assert rest.split() == [str(pid), str(pid), 'mine', 'True', str(os.getpid())]
+    # what the module loaded in the server, a child of this process, with its arguments.
+    assert rest.split() == [str(pid), str(pid), 'mine', 'True', f'{os.getpid()},one,two']
     assert psutil.Process(pid).ppid() == os.getpid()
     command = Path(f'/proc/{pid}/cmdline').read_bytes().replace(b'\0', b' ').decode().split()
     assert command[1:5] == ['-m', 'made_for_test', 'first', 'wait']
@@ -122,6 +135,32 @@ def test_nodes_outlive_the_server_and_the_next_are_spawned(group, tmp_path, serv
     assert before.process.poll() is None
     os.kill(before.process.pid, signal.SIGKILL)
     assert before.process.wait(ENDS_WITHIN_S) == -signal.SIGKILL
+
+
+def test_server_compiles_nothing(tmp_path, environment, monkeypatch):
+    cache = tmp_path / 'cache'
+    for name in ('PYTHONPATH', 'NUMBA_CACHE_DIR'):
+        monkeypatch.setenv(name, {**environment, 'NUMBA_CACHE_DIR': str(cache)}[name])
+    detector = ('lowsnr_detect.node.warm_up', 'sdt', 'matched')
+    with NodeServer(('made_loop',), detector, ('made_for_test',)) as server, (
+            ProcessGroup(tmp_path / 'log', os.environ, server)) as group:
+        wait_for((tmp_path / 'preloaded').exists)
+        member = group.start(node('0'), tmp_path / 'none.yaml')
+        assert isinstance(member.process, ForkedProcess)
+        assert member.process.wait(ENDS_WITHIN_S) == 0
+    assert not [*cache.rglob('*.nbc')]
+
+
+def test_server_has_only_the_threads_that_rclpy_starts(environment, tmp_path, monkeypatch):
+    """A thread that takes a lock would keep it locked in every forked node."""
+    monkeypatch.setenv('PYTHONPATH', environment['PYTHONPATH'])
+    code = 'import psutil, rclpy; print(psutil.Process().num_threads())'
+    bare = subprocess.run([sys.executable, '-c', code], capture_output=True, check=True)
+    with NodeServer(
+            ('lowsnr_sensor.conditioner_node',),
+            ('lowsnr_detect.node.warm_up', 'auto', 'adaptive'), ('made_for_test',)) as server:
+        wait_for((tmp_path / 'preloaded').exists)
+        assert psutil.Process(server.process.pid).num_threads() == int(bare.stdout)
 
 
 def test_server_that_is_gone_says_so(server, environment):

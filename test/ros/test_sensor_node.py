@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The sensor node says of a frame that it is published once it is."""
+"""When the sensor node publishes a frame, and when it says that it has."""
 
 from contextlib import nullcontext
 import sys
@@ -30,4 +30,15 @@ def test_source_tells_of_a_frame_once_it_has_published_it(context, monkeypatch, 
     with pytest.raises(SystemExit) if interrupted else nullcontext():
         node._publish_next()
     assert order == ['image', DATA_TIME]
+    node.destroy_node()
+
+
+@pytest.mark.parametrize('lockstep', [False, True])
+def test_first_frame_does_not_wait_for_the_period_of_the_others(context, spin, lockstep):
+    node = SensorNode(context=context, parameter_overrides=[
+        Parameter('scenario', value=str(SCENARIO)), Parameter('rate_hz', value=1e-6),
+        Parameter('lockstep', value=lockstep)])
+    node.autostart()
+    spin(lambda: node.counts['out'] == 1, node)
+    assert [timer.timer_period_ns for timer in node.timers].count(10**15) == (not lockstep)
     node.destroy_node()

@@ -27,7 +27,8 @@ from lowsnr_sensor.conditioning.state import ConditionerState
 import numpy as np
 from rclpy.lifecycle import LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn
-import scipy.ndimage  # noqa: F401  (here, so that the first frame does not wait for it)
+import scipy.fft  # noqa: F401  (here, so that the first frame does not wait for it)
+import scipy.ndimage  # noqa: F401
 import scipy.special  # noqa: F401
 from sensor_msgs.msg import CameraInfo
 from sensor_msgs.msg import Image

@@ -33,6 +33,7 @@ from std_msgs.msg import Header
 from vision_msgs.msg import Detection2DArray
 
 FRAME_ID = 'sensor'
+_AT_ONCE_S = 1e-4
 
 
 class SensorNode(ManagedNode):
@@ -82,7 +83,7 @@ class SensorNode(ManagedNode):
         """Start publishing once all subscribers are present."""
         result = super().on_activate(state)
         if self.active:
-            self._timer = self.create_timer(1.0 / self.simulation.rate_hz, self._on_timer)
+            self._timer = self.create_timer(_AT_ONCE_S, self._begin)
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -90,9 +91,11 @@ class SensorNode(ManagedNode):
         self.destroy_timer(self._timer)
         return super().on_deactivate(state)
 
-    def _on_timer(self) -> None:
-        if self.simulation.lockstep:
-            self._timer.cancel()
+    def _begin(self) -> None:
+        """Publish the first frame, and have the next ones published at their rate."""
+        self.destroy_timer(self._timer)
+        if not self.simulation.lockstep:
+            self._timer = self.create_timer(1.0 / self.simulation.rate_hz, self._publish_next)
         self._publish_next()
 
     def _prepare(self) -> None:

@@ -27,8 +27,7 @@ from dataclasses import dataclass
 from lowsnr_track.detection_model import DetectionModel
 from lowsnr_track.tracks import Tracks
 import numpy as np
-from scipy.special import ndtr
-from scipy.special import ndtri
+import scipy
 
 
 @dataclass(frozen=True)
@@ -49,7 +48,7 @@ class DetectorMemory:
     @property
     def probability(self) -> np.ndarray:
         """Probability of a declaration P_h, (H,)."""
-        declared: np.ndarray = ndtr(self.mean / self.std)
+        declared: np.ndarray = scipy.special.ndtr(self.mean / self.std)
         return declared
 
     def score_ratio(self, log_odds: np.ndarray) -> np.ndarray:
@@ -89,7 +88,7 @@ def detector_memory(probability: float, frames: int, snr: float) -> DetectorMemo
     """
     ended = np.arange(frames)
     std = np.sqrt((frames - ended) * snr)
-    return DetectorMemory(std[0] * ndtri(probability) - ended * snr / 2.0, std)
+    return DetectorMemory(std[0] * scipy.special.ndtri(probability) - ended * snr / 2.0, std)
 
 
 @dataclass(frozen=True)

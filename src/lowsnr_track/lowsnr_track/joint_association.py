@@ -17,8 +17,7 @@ from __future__ import annotations
 
 from lowsnr_common.core.particles import log_sum_exp
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+import scipy
 
 _NONE = -1
 # The largest number of joint hypotheses that are enumerated, which takes a few milliseconds; a
@@ -92,9 +91,9 @@ def clusters(gated: np.ndarray) -> list[np.ndarray]:
         return []
     # A track and a detection in its gate are neighbours in a graph of T tracks and m detections.
     tracks, size = len(gated), len(gated) + int(gated.max()) + 1
-    edges = coo_array(
+    edges = scipy.sparse.coo_array(
         (np.ones(track.size), (track, tracks + gated[track, column])), shape=(size, size))
-    _, label = connected_components(edges, directed=False)
+    _, label = scipy.sparse.csgraph.connected_components(edges, directed=False)
     order = np.argsort(label[:tracks], kind='stable')
     groups = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
     return [members for members in groups if len(members) > 1]

@@ -23,6 +23,8 @@ from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.lifecycle import LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn
+import scipy.sparse.csgraph  # noqa: F401  (here, so that no frame waits for it)
+import scipy.special  # noqa: F401
 from std_msgs.msg import Header
 from vision_msgs.msg import Detection2DArray
 
@@ -130,6 +132,11 @@ def warm_up(tracker: PdaMmpf) -> None:
     state, rng = enough.init(), np.random.default_rng(0)
     for frame in range(3):
         state, _ = enough.step(state, [detection], frame * 1e-3, rng)
+
+
+def preload() -> None:
+    """Load the compiled loops of the default settings."""
+    warm_up(PdaMmpf())
 
 
 def main(args: list[str] | None = None) -> None:

@@ -109,7 +109,9 @@ class GraphStart:
         own = [node for node in self._ascents if node not in self._expected]
         running = [node for node in own if self._runs(node)]
         for node in running:
-            self._advance(self._ascents[node])
+            self._take_answer(self._ascents[node])
+        for node in running:
+            self._ask(self._ascents[node])
         for node in own:
             ascent = self._ascents[node]
             self._manager.states[node.path] = (
@@ -142,13 +144,16 @@ class GraphStart:
             self._ascents[node] = _Ascent(node, member)
         return status is None
 
-    def _advance(self, ascent: _Ascent) -> None:
-        """Ask a node for its next transition, or look whether it has made it."""
-        if ascent.pending is None:
-            if not (asked := self._next(ascent)):
-                return
+    def _ask(self, ascent: _Ascent) -> None:
+        """Ask a node for its next transition."""
+        if ascent.pending is None and (asked := self._next(ascent)):
             ascent.asked, ascent.since_s = asked, self._clock()
             ascent.pending = self._manager.request(ascent.node, asked)
+
+    def _take_answer(self, ascent: _Ascent) -> None:
+        """Look whether a node has made the transition that it was asked for."""
+        if ascent.pending is None:
+            return
         made, label = ascent.pending.poll(), ascent.node.label
         if made is None:
             if self._clock() - ascent.since_s > (within_s := _WITHIN_S[ascent.asked]):

@@ -63,11 +63,17 @@ class NodeServer:
     """
     The server as bring-up sees it; use it as a context manager.
 
-    It starts to import at once, while bring-up plans the run: what every run needs, and further
-    ``modules`` of nodes.  ``process`` is None where there is no server.
+    It starts at once to import what nodes share, while bring-up plans the run.  ``process`` is
+    None where there is no server.
+
+    Parameters
+    ----------
+    *modules
+        What it imports later, for nodes that start again: name, and arguments of ``preload``.
+
     """
 
-    def __init__(self, modules: Sequence[str] = ()) -> None:
+    def __init__(self, *modules: Sequence[str]) -> None:
         self._modules = modules
         self._channel: socket.socket | None = None
         self._ready = False
@@ -86,7 +92,8 @@ class NodeServer:
         self._channel.settimeout(_ANSWERS_WITHIN_S)
         with theirs:
             self.process = subprocess.Popen(
-                [sys.executable, '-m', _SERVER, str(theirs.fileno()), *self._modules],
+                [sys.executable, '-m', _SERVER, str(theirs.fileno()),
+                 json.dumps(self._modules)],
                 # A thread of OpenBLAS would not survive the fork.
                 env={**os.environ, 'OPENBLAS_NUM_THREADS': '1'}, pass_fds=(theirs.fileno(),),
                 stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,

@@ -3,7 +3,7 @@
 A process that imports what nodes need, once, and forks each node of a run from itself.
 
 A forked node starts without the second that Python takes to import rclpy, NumPy and Numba, and
-without the time that a module with a function ``preload`` takes to load compiled loops.  It
+without the time for what the functions ``preload`` of modules load, such as compiled loops.  It
 is otherwise the process that ``python -m MODULE`` would be: it has a session, a process id, an
 environment and a log file of its own, it is a child of bring-up, and its title is that command.
 
@@ -14,6 +14,8 @@ node outlives the server.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from contextlib import suppress
 import errno
 import gc
 import importlib
@@ -26,26 +28,47 @@ from types import TracebackType
 from typing import NoReturn
 import warnings
 
+from lowsnr_common.core.compiled import loading_only
+from lowsnr_common.core.compiled import NotOnDisk
 from lowsnr_common.core.process_setup import keep_freed_memory
 from lowsnr_common.core.process_setup import LIFELINE
 from setproctitle import getproctitle
 from setproctitle import setproctitle
 
-# What every run needs; other nodes import the little more that they need after the fork.
-_PRELOADED = (
-    'lowsnr_sensor.sensor_node', 'lowsnr_detect.node.detector_node',
-    'lowsnr_track.tracker_node', 'lowsnr_eval.evaluator_node')
+# What nodes of every run share, Numba included, which the tracker loads.
+_SHARED = (
+    ('lowsnr_sensor.sensor_node',), ('lowsnr_detect.node.detector_node',),
+    ('lowsnr_track.tracker_node',), ('lowsnr_common.ros.process.first_uses',))
+# What one node needs: at the start of the graph each loads its own, at the same time as others.
+# The server loads it once so long [s] has passed without a request, for nodes that start again.
+_OF_ONE_NODE: tuple[Sequence[str], ...] = (('lowsnr_eval.evaluator_node',),)
+_QUIET_S = 2.0
 _LARGEST_REQUEST = 2**20
 _MOST_FILES = 128  # the log, the lines to bring-up, and the claim on the domain
 
 
-def _serve(channel: socket.socket) -> str:
+def _load(name: str, *arguments: str) -> None:
+    """Import a module, and call its function ``preload`` if it has one."""
+    module = importlib.import_module(name)
+    if hasattr(module, 'preload'):
+        # Nodes compile what is not on disk, several at a time, and say that they do.
+        with suppress(NotOnDisk), loading_only():
+            module.preload(*arguments)
+
+
+def _serve(channel: socket.socket, later: list[Sequence[str]]) -> str:
     """Fork nodes until bring-up is gone; in a node, return the module that it is to run."""
     channel.send(b'ready')
     while True:
-        request, files, *_ = socket.recv_fds(channel, _LARGEST_REQUEST, _MOST_FILES)
+        channel.settimeout(_QUIET_S if later else None)
+        try:
+            request, files, *_ = socket.recv_fds(channel, _LARGEST_REQUEST, _MOST_FILES)
+        except TimeoutError:
+            _load(*later.pop(0))
+            continue
         if not request:
             return ''
+        gc.freeze()  # so that the memory of what was imported stays shared
         pid = _fork_twice()
         if pid == 0:
             channel.close()
@@ -67,6 +90,7 @@ def _set_up(
     os.environ.clear()
     os.environ.update({**environment, LIFELINE: ','.join(map(str, held[:lines]))})
     sys.argv[1:] = arguments
+    gc.enable()
     setproctitle(' '.join([sys.executable, '-m', module, *arguments]))
     sys.modules.pop(module, None)  # it runs again, as __main__
     return module
@@ -133,18 +157,21 @@ def _run(module: str) -> NoReturn:
 
 
 def main() -> None:
-    """Import, then fork nodes as bring-up asks for them; arguments: channel, further modules."""
+    """
+    Import, then fork nodes as bring-up asks for them.
+
+    Arguments: the channel, and further modules of one node each, a JSON list of lists of name and
+    arguments of ``preload``.
+    """
     getproctitle()  # only while the environment is that of the start can it find its title
     channel = socket.socket(fileno=int(sys.argv[1]))
+    gc.disable()  # a sixth of the time would go into collections that find nothing
     keep_freed_memory()  # a forked node would keep heaps of the threads that an import starts
-    for name in (*_PRELOADED, *sys.argv[2:]):
-        module_of_node = importlib.import_module(name)
-        if hasattr(module_of_node, 'preload'):
-            module_of_node.preload()
-    gc.freeze()  # so that the memory of what was imported stays shared
+    for each in _SHARED:
+        _load(*each)
     # The tracing library that rclpy links has two threads, which a forked node does without.
     warnings.filterwarnings('ignore', r'This process .* is multi-threaded', DeprecationWarning)
-    if module := _serve(channel):
+    if module := _serve(channel, [*_OF_ONE_NODE, *json.loads(sys.argv[2])]):
         _run(module)
 
 

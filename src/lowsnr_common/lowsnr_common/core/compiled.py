@@ -4,11 +4,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 import functools
 from types import FunctionType
 from typing import Any
 
 _DISPATCHERS: list[Any] = []
+
+
+class NotOnDisk(Exception):
+    """The machine code of a loop is not on disk, and was not to be compiled."""
 
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -35,6 +41,23 @@ def is_loaded() -> bool:
 def variants() -> int:
     """Return the number of compiled variants, one for each function and types of arguments."""
     return sum(len(function.signatures) for function in _DISPATCHERS)
+
+
+@contextmanager
+def loading_only() -> Iterator[None]:
+    """Have loops loaded from disk within the ``with`` block, and `NotOnDisk` raised for others."""
+    from numba.core import event
+
+    class Refusal(event.Listener):
+
+        def on_start(self, event: Any) -> None:
+            raise NotOnDisk(event.data['dispatcher'].__name__)
+
+        def on_end(self, event: Any) -> None:
+            pass
+
+    with event.install_listener('numba:compile', Refusal()):
+        yield
 
 
 @functools.cache

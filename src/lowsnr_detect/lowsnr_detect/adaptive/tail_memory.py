@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from lowsnr_detect.parts.moves import shifted
 import numpy as np
-import scipy.ndimage
+import scipy
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,9 @@ from lowsnr_common.settings.node_settings import DetectionSettings
 from lowsnr_detect.adaptive.adaptive_detector import AdaptiveDetector
 from lowsnr_detect.adaptive.adaptive_threshold import LEARNING_FRAMES
 from lowsnr_detect.adaptive.known_tails import SIDE
+from lowsnr_detect.parts.cell_detector import CellDetector
 from lowsnr_detect.parts.detector import Detector
+from lowsnr_detect.parts.registry import detector_class
 import numpy as np
 
 # What is compiled, or loaded, at its first use depends on the type of a frame, not on its size.
@@ -23,6 +25,14 @@ def warm_up(detector: Detector, operating: DetectionSettings) -> None:
     if operating.operating_point == 'adaptive':
         adaptive = AdaptiveDetector(detector, operating.false_alarm_prob, _ADAPTIVE_SHAPE)
         _run(adaptive, _ADAPTIVE_SHAPE, _ADAPTIVE_FRAMES)
+
+
+def preload(name: str, operating_point: str) -> None:
+    """Load the compiled loops of a detector, by name, with its default settings."""
+    detector = detector_class(name)()
+    if not isinstance(detector, CellDetector):  # no other can be adaptive
+        operating_point = 'matched'
+    warm_up(detector, DetectionSettings(operating_point=operating_point))
 
 
 def _run(

@@ -16,8 +16,7 @@ from lowsnr_sensor.conditioning.pixels import expand
 from lowsnr_sensor.conditioning.pixels import MEAN_SQUARE
 from lowsnr_sensor.conditioning.pixels import NOISE_LIMIT
 import numpy as np
-import scipy.ndimage
-import scipy.special
+import scipy
 
 # A cell may exceed the first, only up to the second times what was near it in the frame before: of
 # the two dozen cells there white noise brings one to 2, and must not explain a cosmic ray.

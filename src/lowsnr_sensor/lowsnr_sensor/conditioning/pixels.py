@@ -13,7 +13,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import scipy.special
 
 # Side of the squares over which the variance is averaged first [pixels, and cells].
 BLOCK = 4
@@ -33,7 +32,7 @@ BLOCK_LIMIT = 4.0
 
 def mean_limited_square() -> float:
     """Return the mean of ``min(x^2, NOISE_LIMIT^2)`` for unit normal x."""
-    beyond = float(scipy.special.ndtr(-NOISE_LIMIT))
+    beyond = math.erfc(NOISE_LIMIT * math.sqrt(0.5)) / 2.0
     density = math.exp(-NOISE_LIMIT**2 / 2.0) / math.sqrt(2.0 * math.pi)
     return 1.0 - 2.0 * (beyond + NOISE_LIMIT * density) + 2.0 * NOISE_LIMIT**2 * beyond
 

@@ -16,7 +16,7 @@ from typing import NamedTuple
 from lowsnr_sensor.conditioning import scene_kernels
 from lowsnr_sensor.conditioning.pixels import Planes
 import numpy as np
-import scipy.fft
+import scipy
 
 # Least side of the reduced frames, and the largest factor of the reduction [pixels].
 _LEAST_SIDE, _MOST_REDUCED = 64, 4
