@@ -142,7 +142,7 @@ class Candidates:
         track = self.particles[np.array([t])]
         log_shape = association.log_likelihoods(
             track, of_rest, np.zeros((1, 1), dtype=np.intp))[0, 0]
-        return np.exp(log_shape - log_sum_exp(log_shape + track.log_weights[0]))
+        return np.asarray(np.exp(log_shape - log_sum_exp(log_shape + track.log_weights[0])))
 
     def _error(self, mean: np.ndarray, j: int) -> np.ndarray:
         """Return ``R_j + D_S`` of a group with the means (n, 2)."""
