@@ -112,16 +112,6 @@ def test_tracker_gets_the_number_of_frames_that_share_a_declaration():
     assert values['/sdt/tracker']['frames_per_detection'] == 8
 
 
-def test_tracker_gets_the_resolution_of_its_detector():
-    """Cells that a declaration suppresses, and half of one; none of a posterior."""
-    values = plan(
-        detectors=['cdt', 'sdt', 'hmm', 'auto'], overrides=['auto.thinning_reach=4']).parameters
-    assert [values[f'/{name}/tracker']['detection.resolution']
-            for name in ('cdt', 'sdt', 'hmm', 'auto')] == [0.5, 2.5, 0.0, 4.5]
-    stated = plan(overrides=['tracker.detection.resolution=1']).parameters
-    assert stated['/tracker']['detection.resolution'] == 1.0
-
-
 def test_snr_and_size_come_from_the_scenario():
     values = plan(scenario='example4').parameters['/sdt_detector']
     scenario = yaml.safe_load((CONFIG / 'scenarios' / 'example4.yaml').read_text())
