@@ -10,6 +10,7 @@ followed by one track alone and no track changes its object.
 """
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 import sys
 from typing import Any
@@ -21,9 +22,13 @@ ROOT = Path(__file__).resolve().parents[1]
 
 def main() -> int:
     """Track, count, print; return the exit code."""
-    options = tracked_runs.parser(
-        __doc__, 'three_crossing', ['sdt', 'separate'], 12.0, 200).parse_args()
-    for title, found in tracked_runs.measured(metrics_of, options):
+    parser = tracked_runs.parser(__doc__, 'three_crossing', ['sdt', 'separate'], 12.0, 200)
+    parser.add_argument(
+        '--resolution', type=float, help="the tracker's detection.resolution [cells] (as the "
+        'detector has it); 0 gives a detection to one track at most')
+    options = parser.parse_args()
+    measure = partial(metrics_of, resolution=options.resolution)
+    for title, found in tracked_runs.measured(measure, options):
         show(title, found)
     return 0
 
@@ -41,22 +46,27 @@ def show(title: str, found: list[dict[str, Any]]) -> None:
         print(f'  {what:<20} {count / len(found):.3f} [{low:.3f}, {high:.3f}]')
     for what in ('identity_switches', 'identity_swaps', 'track_purity', 'ospa2_m'):
         print(f'  {what:<20} {np.mean([each[what] for each in found]):.3f} a run')
-    completeness = np.mean([each['siap']['completeness'] for each in found])
-    print(f'  {"completeness":<20} {completeness:.3f}', flush=True)
+    for what in ('completeness', 'ambiguity', 'spuriousness'):
+        values = [each['siap'][what] for each in found if each['siap'][what] is not None]
+        print(f'  {what:<20} {np.mean(values):.3f}', flush=True)
 
 
-def metrics_of(scenario: str, detector: str, snr_db: float, seed: int) -> dict[str, Any]:
+def metrics_of(
+    scenario: str, detector: str, snr_db: float, seed: int, resolution: float | None = None,
+) -> dict[str, Any]:
     """Return the metrics of the tracks of one run."""
     from lowsnr_common.settings.node_settings import Evaluation
     from lowsnr_eval.track_metrics.chain_metrics import ChainMetrics
 
     metrics = ChainMetrics(Evaluation())
-    for frame in frames_of(scenario, detector, snr_db, seed):
+    for frame in frames_of(scenario, detector, snr_db, seed, resolution):
         metrics.add(frame)
     return metrics.figures() or {}
 
 
-def frames_of(scenario: str, detector: str, snr_db: float, seed: int) -> Iterator[Any]:
+def frames_of(
+    scenario: str, detector: str, snr_db: float, seed: int, resolution: float | None = None,
+) -> Iterator[Any]:
     """Yield what the metrics take of each frame of a run."""
     import lowsnr
     from lowsnr_eval.track_metrics.track_frame import TrackFrame
@@ -66,8 +76,9 @@ def frames_of(scenario: str, detector: str, snr_db: float, seed: int) -> Iterato
         yield from separate_frames_of(scenario, seed)
         return
     simulation = lowsnr.simulate(scenario, snr_db=snr_db, seed=seed)
+    settings = {} if resolution is None else {'tracker.detection.resolution': resolution}
     tracks = lowsnr.track(
-        simulation.frames, detector, snr_db, seed=seed, progress=False).tracks
+        simulation.frames, detector, snr_db, seed=seed, settings=settings, progress=False).tracks
     for k in range(len(simulation.frames)):
         here, there = simulation.truth[simulation.truth.frame == k], tracks[tracks.frame == k]
         places = [np.stack([table.x, table.y], axis=-1) for table in (here, there)]

@@ -4,11 +4,13 @@
 from dataclasses import replace
 
 from lowsnr_common.core.measurement import SensorModel
+from lowsnr_common.core.motion import POS
 from lowsnr_common.settings.flat_values import build_settings
 from lowsnr_common.settings.flat_values import flat_values
 from lowsnr_detect.calibration.empty_frames import empty_frame_peaks
 from lowsnr_detect.calibration.empty_frames import Simulation
 from lowsnr_detect.calibration.operating_point import calibrate
+from lowsnr_detect.parts.cell_detector import resolution_of
 import numpy as np
 import pytest
 import scipy.special
@@ -186,6 +188,16 @@ def frames_per_declaration_is_a_count(cls):
     assert make(cls).frames_per_declaration >= 1
 
 
+def declarations_are_farther_apart_than_the_resolution(cls):
+    # Centroids are moved afterwards, by up to their reach.
+    detector = make(cls, threshold=-1.0)
+    least = resolution_of(detector) - 2.0 * getattr(detector, 'centroid_reach', 0)
+    for declared in run(detector, noise(12)):
+        place = declared.state[declared.score > 0.0][:, POS]
+        apart = abs(place[:, None] - place).max(axis=-1)
+        assert np.all(apart[~np.eye(len(place), dtype=bool)] > least)
+
+
 def statistic_does_not_depend_on_the_most_declarations(cls):
     # The calibration makes only one in a frame.
     settings = [{'max_detections': most} for most in (1, 50)]
@@ -224,5 +236,6 @@ CHECKS = (
     blank_frames_declare_nothing, outliers_leave_numbers_and_are_forgotten,
     smallest_frames_leave_numbers, settings_build_an_equal_detector,
     nominal_differs_in_thresholds_only, frames_per_declaration_is_a_count,
+    declarations_are_farther_apart_than_the_resolution,
     statistic_does_not_depend_on_the_most_declarations,
     map_is_the_statistic_minus_the_threshold)

@@ -129,3 +129,79 @@ def joint_particles(ratio, existence, detected):
             if j < count:
                 caused[t, j] += others * at[t].sum()
     return present / total, caused / total
+
+
+def components(nodes, links):
+    """Return the sets of nodes that links (pairs) connect."""
+    parts = [{node} for node in nodes]
+    for one, two in links:
+        joined = set().union(*(part for part in parts if part & {one, two}))
+        parts = [part for part in parts if not part & {one, two}] + [joined]
+    return [sorted(part) for part in parts]
+
+
+def joint_groups(given, linked):
+    """
+    Return the posterior of tracks that may be unresolved, by enumeration of links and causes.
+
+    ``given`` has the tracks, in whose gates the detection of column j is j, and ``linked`` (T, T)
+    the probabilities of the links.  Returns the probability (T, N) that the object exists and is
+    at the particle, (T, m) that it exists and caused the detection, and (m,) that some object did.
+    """
+    tracks, count = given.gated.shape
+    size = given.particles.modes.shape[1]
+    present, caused = np.zeros((tracks, size)), np.zeros((tracks, count))
+    shared, total = np.zeros(count), 0.0
+    for exists in itertools.product((False, True), repeat=tracks):
+        alive = np.flatnonzero(exists)
+        pairs = list(itertools.combinations(alive, 2))
+        prior = np.prod(np.where(exists, given.existence, 1.0 - given.existence))
+        for links in itertools.product((False, True), repeat=len(pairs)):
+            groups = components(alive, itertools.compress(pairs, links))
+            chance = prior * np.prod([linked[pair] if link else 1.0 - linked[pair]
+                                      for pair, link in zip(pairs, links)])
+            for causes in itertools.product(range(-1, count), repeat=len(groups)):
+                used = [j for j in causes if j >= 0]
+                if len(used) > len(set(used)) or any(
+                        j not in given.gated[t] for group, j in zip(groups, causes) if j >= 0
+                        for t in group):
+                    continue
+                weight = chance * np.prod([
+                    group_likelihood(given, group, j) for group, j in zip(groups, causes)])
+                total += weight
+                shared[used] += weight
+                for group, j in zip(groups, causes):
+                    for t in group:
+                        present[t] += weight * group_shape(given, group, j, t)
+                        caused[t, j] += weight * (j >= 0)
+    return present / total, caused / total, shared / total
+
+
+def group_likelihood(given, group, j):
+    """Return the likelihood of a detection of the mean of a group of Gaussians, or of none."""
+    if j < 0:
+        return 1.0 - given.detected[group].mean()
+    if len(group) == 1:
+        at = given.particles.states[group[0]] @ H.T
+        return given.scale[group[0], j] * densities(
+            at - given.measured.position[j], given.measured.cov[[j]]).mean()
+    at = [given.particles.states[t] @ H.T for t in group]
+    means, cov = np.mean(at, axis=1), [np.cov(each.T, bias=True) for each in at]
+    wide = given.measured.cov[j] + np.cov(means.T, bias=True) + np.sum(cov, axis=0) / len(at)**2
+    offset = given.measured.position[j] - means.mean(axis=0)
+    return given.scale[group, j].mean() * densities(offset[None], wide[None])[0]
+
+
+def group_shape(given, group, j, track):
+    """Return the posterior of the particles of a track in a group, (N,)."""
+    at = {t: given.particles.states[t] @ H.T for t in group}
+    if j < 0:
+        return np.full(len(at[track]), 1.0 / len(at[track]))
+    means = np.array([each.mean(axis=0) for each in at.values()])
+    wide = given.measured.cov[j] + np.cov(means.T, bias=True) * (len(at) > 1)
+    for t in at.keys() - {track}:
+        wide = wide + np.cov(at[t].T, bias=True) / len(at)**2
+    shift = sum(at[t].mean(axis=0) for t in at.keys() - {track})
+    seen = (at[track] + shift) / len(at)
+    weight = densities(given.measured.position[j] - seen, wide[None])
+    return weight / weight.sum()

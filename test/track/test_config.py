@@ -13,7 +13,7 @@ import yaml
 FILE = Path(__file__).resolve().parents[2] / 'config' / 'tracker.yaml'
 
 
-FILLED_IN = {'rows', 'cols', 'frames_per_detection'}
+FILLED_IN = {'rows', 'cols', 'frames_per_detection', 'detection.resolution'}
 # Lists that are empty by default, for which a file of ROS parameters has no type.
 NONE = {f'destinations.{item.name}' for item in fields(Destinations)}
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 from lowsnr_common.core.motion import MotionModes
 from lowsnr_common.core.motion import POS
+from lowsnr_track.detection_model import DetectionModel
 from lowsnr_track.pda_mmpf import PdaMmpf
 import numpy as np
 import pytest
@@ -86,16 +87,24 @@ def test_objects_that_enter_at_the_border_are_found():
     assert found[6:].mean() > 0.9
 
 
-def test_two_objects_that_merge_for_seven_frames_and_split_seldom_exchange_their_ids():
-    """While they are one detection a track follows it; after they split, both have one."""
+@pytest.mark.parametrize(('resolution', 'least_kept'), [(0.0, 0.0), (2.5, 0.6)])
+def test_two_objects_that_merge_for_seven_frames_and_split(resolution, least_kept):
+    """
+    While they are one detection a track follows it; after they split, both have one.
+
+    Of 60 runs, both keep their ids in .10 where a detection is of one track, and in .80 else.
+    """
+    tracker = replace(SLOW, detection=DetectionModel(resolution=resolution))
     upper, lower = (straight_path((0.6, v), (10.0, 20.0 - 15.0 * v)) for v in (-0.35, 0.35))
-    times, followed, swapped, both = np.arange(1.0, 31.0), [], [], []
+    times, followed, swapped, both, kept = np.arange(1.0, 31.0), [], [], [], []
     for seed in range(RUNS):
-        ids, _ = tracked(SLOW, [upper, lower], times, seed, merged=range(11, 18))
+        ids, _ = tracked(tracker, [upper, lower], times, seed, merged=range(11, 18))
         before, after = ids[9], ids[-5]
         swapped.append(bool(before[0] & after[1] and before[1] & after[0]))
+        kept.append(all(first & last for first, last in zip(before, after)))
         followed += [bool(first | second) for first, second in ids[11:18]]
         both += [len(first | second) > 1 for first, second in ids[22:]]
+    assert np.mean(kept) >= least_kept
     assert np.mean(swapped) < 0.2
     assert np.mean(followed) > 0.9
     assert np.mean(both) > 0.85

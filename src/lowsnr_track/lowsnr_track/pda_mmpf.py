@@ -28,6 +28,7 @@ from lowsnr_common.settings.declare import fixed
 from lowsnr_common.settings.declare import setting
 from lowsnr_track import association
 from lowsnr_track import mmpf
+from lowsnr_track import unresolved
 from lowsnr_track.detection_model import DetectionModel
 from lowsnr_track.detector_memory import detector_memory
 from lowsnr_track.detector_memory import weigh_endings
@@ -142,10 +143,10 @@ class PdaMmpf:
         density = clutter + model.secondary(measured, reach)
         # Association probabilities beta_tj, and the update of weights and existence.
         posteriors = measured.predicted is not None if len(measured) else state.posteriors
-        tracks, beta = self._associate(tracks, measured, density, gated, posteriors)
+        tracks, share = self._associate(tracks, measured, density, gated, posteriors)
         # Births from detections of no track; merging, deletion and confirmation.
         births, false = self._births(
-            measured, association.sum_over_tracks(beta, gated, len(measured)), density,
+            measured, association.sum_over_tracks(share, gated, len(measured)), density,
             state.next_id, rng)
         tracks, kept = self.life.manage(tracks.join(births))
         output = tracks.output(kept, rejected)
@@ -185,7 +186,7 @@ class PdaMmpf:
         self, tracks: Tracks, measured: Measurements, density: np.ndarray, gated: np.ndarray,
         posteriors: bool,
     ) -> tuple[Tracks, np.ndarray]:
-        """Return the updated tracks, and beta_tj (T, G)."""
+        """Return the updated tracks, and beta_tj (T, G) over the tracks that share j."""
         if len(tracks) == 0:
             return tracks, np.zeros(gated.shape)
         model, detected = self.detection, self.detection.in_gate_probability
@@ -200,11 +201,10 @@ class PdaMmpf:
         endings = weigh_endings(
             model, detector_memory(model.probability, self.frames_per_detection, snr),
             tracks, measured.score, gated)
-        ratio, mean = association.likelihood_ratios(
-            tracks.particles, measured, scale * endings.ratio, gated)
-        log_mixture, beta = association.associate(
-            tracks.followed, endings.detected, ratio, mean, gated)
-        return update(tracks, log_mixture, beta, endings, self._repeated), beta
+        found = unresolved.associate(unresolved.Candidates(
+            tracks.particles, measured, tracks.followed, endings.detected, scale * endings.ratio,
+            gated), model.resolution * self.sensor.cell_size_m)
+        return update(tracks, found.log_ratio, found.beta, endings, self._repeated), found.share
 
     def _births(
         self, measured: Measurements, tracked: np.ndarray, density: np.ndarray, first_id: int,

@@ -32,6 +32,7 @@ from lowsnr_bringup.plan.start_notes import too_fast
 from lowsnr_bringup.plan.wiring import divide
 from lowsnr_bringup.plan.wiring import wiring
 from lowsnr_detect.grid.fixed_lag import lag_of
+from lowsnr_detect.parts.cell_detector import resolution_of
 from lowsnr_detect.parts.detector import Detector
 from lowsnr_detect.parts.registry import detector_class
 
@@ -170,13 +171,13 @@ def _fill_in(
     for node in nodes:
         values = parameters[node.path]
         if node.name == 'tracker':
-            values.setdefault(
-                'frames_per_detection', of_space[node.namespace].frames_per_declaration)
+            detector = of_space[node.namespace]
+            values.setdefault('frames_per_detection', detector.frames_per_declaration)
+            values.setdefault('detection.resolution', resolution_of(detector))
         elif node.name == 'viewer':
             values['lag'] = lag_of(of_space[node.namespace])
-            name, number = chains[node.namespace]
+            (name, number), snr_db = chains[node.namespace], of_space[node.namespace].sensor.snr_db
             values['statistic_map'] = name in evaluator['statistic_maps']
-            snr_db = of_space[node.namespace].sensor.snr_db
             title = f'{source.name}, expected SNR {snr_db:g} dB: {name}'
             _fill_in_page(values, evaluator, title, number)
         elif node.source:  # only a frame that the evaluator gives up is not waited for
@@ -188,8 +189,7 @@ def _fill_in(
 def _fill_in_page(values: Values, evaluator: Values, title: str, number: int) -> None:
     """Set what the live page of a viewer shows; of several the browser opens the first."""
     known: Values = {key: evaluator[key] for key in ('pixels', 'gate_cells') if key in evaluator}
-    for key, value in {'title': title, **known}.items():
-        values.setdefault(key, value)
+    values.update({'title': title, **known, **values})
     values['page_port'] += number * bool(values['page_port'])
     values['browser'] = values['browser'] and not number
 

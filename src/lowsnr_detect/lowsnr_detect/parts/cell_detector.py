@@ -17,6 +17,7 @@ from lowsnr_common.settings.declare import check_settings
 from lowsnr_common.settings.declare import setting
 from lowsnr_detect.parts.centroids import with_centroids
 from lowsnr_detect.parts.detector import Declarations
+from lowsnr_detect.parts.detector import Detector
 from lowsnr_detect.parts.thinning import declare_cells
 from lowsnr_detect.parts.wald_bounds import wald_bounds
 import numpy as np
@@ -161,3 +162,9 @@ class CellDetector:
             return declared
         return with_centroids(
             declared, plane, reach=self.centroid_reach, cell_size_m=self.sensor.cell_size_m)
+
+
+def resolution_of(detector: Detector) -> float:
+    """Return the cells along each axis within which two objects are declared once; 0 for none."""
+    # The objects lie up to half a cell from the middle of theirs.
+    return detector.suppressed_reach + 0.5 if isinstance(detector, CellDetector) else 0.0
