@@ -47,14 +47,15 @@ def row(noise: str, alarms: float, asked: float, given: argparse.Namespace) -> s
         found = lowsnr.confirm(sequence(noise, given.empty, 2 * run), asked, **how)
         thresholds.append(found.probability)
         scored = sequence(noise, given.frames, 2 * run + 1)
-        for name, settings in (
-                ('recorded', found.settings), ('simulated', {'tracker.life.false_tracks': asked})):
-            tracks = lowsnr.track(scored, settings=settings, **how).tracks
+        simulated: dict[str, Any] = {'settings': {'tracker.life.false_tracks': asked}, **how}
+        for name, arguments in (
+                ('recorded', found.arguments | {'progress': False}), ('simulated', simulated)):
+            tracks = lowsnr.track(scored, **arguments).tracks
             counts[name] += len(np.unique(tracks.id))
     frames = given.runs * given.frames
-    recorded, simulated = (with_interval(count, frames) for count in counts.values())
+    measured = (with_interval(count, frames) for count in counts.values())
     return (f'| {noise} | {alarms:g} | {asked:g} | {min(thresholds):.2f} to '
-            f'{max(thresholds):.2f} | {recorded} | {simulated} |')
+            f'{max(thresholds):.2f} | {" | ".join(measured)} |')
 
 
 def with_interval(count: int, frames: int) -> str:

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """No message stops a node, raises in it or makes it grow."""
 
+from collections import Counter
 from functools import partial
 import gc
+from inspect import signature
 import os
 from pathlib import Path
 
@@ -49,13 +51,18 @@ class Feed:
     def __init__(self, node):
         self.node, self.stamp_ns = node, NANO
         self.callbacks = {item.topic_name.strip('/'): item.callback for item in node.subscriptions}
+        self.sent = Counter()
 
     def __call__(self, step_ns, topic, message):
         stamp_ns = self.stamp_ns + step_ns
         self.stamp_ns = stamp_ns if 0 < stamp_ns < 2**60 else self.stamp_ns + NANO
         message.header = stamped(min(max(stamp_ns, -2**31 * NANO), 2**31 * NANO - 1))
         # As in the middleware, a message holds only numbers of its own types.
-        self.callbacks[topic](deserialize_message(serialize_message(message), type(message)))
+        message = deserialize_message(serialize_message(message), type(message))
+        callback = self.callbacks[topic]
+        self.sent[topic] += 1
+        info = {'publication_sequence_number': self.sent[topic]}
+        callback(*(message, info)[:len(signature(callback).parameters)])
 
 
 @pytest.fixture

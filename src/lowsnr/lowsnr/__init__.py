@@ -26,7 +26,7 @@ from lowsnr.api import confirm
 from lowsnr.api import detect
 from lowsnr.api import simulate
 from lowsnr.api import track
-from lowsnr.confirmation import Confirmation
+from lowsnr.confirmation import RecordedConfirmation
 from lowsnr.results import ConditionedFrames
 from lowsnr.results import Detections
 from lowsnr.results import Simulation
@@ -35,5 +35,5 @@ from lowsnr.results import Tracking
 
 __version__ = '0.2.0'
 __all__ = [
-    'ConditionedFrames', 'Confirmation', 'Detections', 'Simulation', 'Table', 'Tracking',
+    'ConditionedFrames', 'Detections', 'RecordedConfirmation', 'Simulation', 'Table', 'Tracking',
     'calibrate', 'condition', 'confirm', 'detect', 'simulate', 'track']

@@ -10,8 +10,8 @@ from typing import Any
 from lowsnr import results
 from lowsnr.chain import conditioned
 from lowsnr.chain import LOG
-from lowsnr.confirmation import Confirmation
-from lowsnr.confirmation import confirmation
+from lowsnr.confirmation import confirm_by_frames
+from lowsnr.confirmation import RecordedConfirmation
 from lowsnr.plan import checked
 from lowsnr.plan import checked_shape
 from lowsnr.plan import CONFIG
@@ -216,11 +216,11 @@ def confirm(
     snr_db: float | None = None, *, condition: str = 'auto',
     false_alarm_prob: float | None = None, seed: int = 0,
     settings: Mapping[str, Any] | None = None, progress: bool | None = None,
-) -> Confirmation:
+) -> RecordedConfirmation:
     """
     Return when to confirm tracks for a rate of false tracks, by frames without objects.
 
-    ``track(frames, settings=confirm(empty, 0.001).settings)`` confirms about one false track in a
+    ``track(frames, **confirm(empty, 0.001).arguments)`` confirms about one false track in a
     thousand frames like those of ``empty``.
 
     Parameters
@@ -234,8 +234,8 @@ def confirm(
 
     Returns
     -------
-    Confirmation
-        The existence probability of confirmation with its interval, and settings of `track`.
+    RecordedConfirmation
+        The existence probability of confirmation with its interval, and arguments of `track`.
 
     Raises
     ------
@@ -246,4 +246,4 @@ def confirm(
     array, chain = planned(frames, condition, Options(
         detector=detector, snr_db=snr_db, false_alarm_prob=false_alarm_prob, seed=seed,
         settings=settings))
-    return confirmation(array, chain, false_tracks, is_shown(progress))
+    return confirm_by_frames(array, chain, false_tracks, is_shown(progress))

@@ -144,7 +144,7 @@ def checked_settings(
             difflib.get_close_matches(str(key), allowed, n=1))
         hint = f'; did you mean {near[0]!r}?' if near else ''
         raise ValueError(f'settings: {key!r} is no setting of {parts}{hint}')
-    return {key: _plain(value) for key, value in (given or {}).items()}
+    return {key: plain(value) for key, value in (given or {}).items()}
 
 
 def checked_shape(shape: Any) -> tuple[int, int]:
@@ -187,7 +187,7 @@ def _allowed(name: str, conditioned: bool) -> list[str]:
             for key in declared_settings(cls) if key not in _OF_THE_GRAPH]
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Return numbers of NumPy as those of Python."""
     return value.tolist() if isinstance(value, (np.generic, np.ndarray)) else value
 
@@ -197,4 +197,4 @@ def checked(argument: str, value: Any) -> Any:
     if value is None and argument in ('snr_db', 'false_alarm_prob'):
         return None
     cls, name = _DECLARED[argument]
-    return replace(declared_settings(cls)[name], name=argument).check(_plain(value))
+    return replace(declared_settings(cls)[name], name=argument).check(plain(value))

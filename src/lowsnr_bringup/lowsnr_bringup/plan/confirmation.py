@@ -2,11 +2,11 @@
 """
 The existence probability at which tracks are confirmed, for a rate of false tracks.
 
-Confirmation does not act on the filter.  One simulation of detector and tracker on empty frames
-therefore gives the whole curve: the false tracks a frame at a threshold are the tracks whose
-largest existence reaches it, over the number of frames.  Where fewer than a hundred reach it, the
-threshold comes from the tail fitted to the largest log odds
-(:mod:`lowsnr_detect.calibration.tail_quantile`).
+Confirmation hardly acts on the filter: of two tracks that are merged, the confirmed one stays.
+One simulation of detector and tracker on empty frames therefore gives the whole curve: the false
+tracks a frame at a threshold are the tracks whose largest existence reaches it, over the number
+of frames.  Where fewer than a hundred reach it, the threshold comes from the tail fitted to the
+largest log odds (:mod:`lowsnr_detect.calibration.tail_quantile`).
 
 Of a large frame a part is simulated: its false tracks are in proportion to its cells, but where
 the statistic is the posterior of the one object in the frame.
@@ -159,7 +159,7 @@ def confirmation(
             'tracker.life.false_tracks needs the size of the frames: set rows and cols, or '
             'life.false_tracks to 0')
     detector, part = at_unit_period(settings[0]), simulated_part(settings[0], shape, RUN_FRAMES)
-    life = replace(tracker.life, confirm_probability=1.0 - 1e-9)  # which acts on nothing here
+    life = replace(tracker.life, confirm_probability=1.0 - 1e-9)  # so that none is
     tracker = replace(at_unit_period(replace(tracker, life=life)), rows=part[0], cols=part[1])
     key = cache_key(type(detector), {
         'settings': flat_values(detector), 'operating': flat_values(settings[1]),
