@@ -231,7 +231,7 @@ function drawIdentities() {
   const names = [...paths(line => line.truth, place).keys()].slice(0, MOST_ROWS);
   get('whose').hidden = !names.length;
   if (!names.length) return;
-  const axes = overFrames('identities', [names.length, 0], 'object', 22 * names.length, names);
+  const axes = overFrames('identities', [names.length, 0], '', 22 * names.length, names);
   const {pen, X, Y} = axes, begins = names.map(() => []);
   for (const line of lines) {
     for (const object of list(line.truth)) {
