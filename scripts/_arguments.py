@@ -39,7 +39,7 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, **how: Any) -> None:
         super().__init__(allow_abbrev=False, **how)
-        self._needed: dict[str, str] = {}
+        self._needed: dict[str, tuple[str, str]] = {}
         self.add_argument('--version', action='version', version=f'lowsnr {version()}')
 
     def parse_args(  # type: ignore[override]
@@ -56,14 +56,18 @@ class Parser(argparse.ArgumentParser):
         if unknown:
             self.check_option(unknown[0])
         given = {word.partition('=')[0] for word in takewhile('--'.__ne__, words)}
-        for option, needed in self._needed.items():
-            if option in given and needed not in given:
+        for option, (needed, unless) in self._needed.items():
+            if option in given and not {needed, unless} & given:
                 self.error(f'{option}: only with {needed}')
         return options
 
-    def only_with(self, needed: str, *options: str) -> None:
-        """Reject options that do nothing without another one, where that is not given."""
-        self._needed |= dict.fromkeys(options, needed)
+    def only_with(self, needed: str, *options: str, unless: str = '') -> None:
+        """
+        Reject options that do nothing without another one, where that is not given.
+
+        With the option ``unless`` they are rejected later, and it is said why.
+        """
+        self._needed |= dict.fromkeys(options, (needed, unless))
 
     def complete_words(self) -> None:
         """Answer a shell that asks for the words that can follow, and end."""

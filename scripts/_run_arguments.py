@@ -4,6 +4,7 @@
 import argparse
 from collections.abc import Iterable
 from pathlib import Path
+import re
 from typing import Any
 
 from _arguments import CONFIG
@@ -66,12 +67,22 @@ def extras_of(options: argparse.Namespace) -> tuple[str, ...]:
 
 
 def modules_of(options: argparse.Namespace) -> list[tuple[str, ...]]:
-    """Return modules that one node needs each, with the arguments of their ``preload``."""
+    """Return modules that one node of this host needs each, with what their ``preload`` takes."""
     real = options.camera or options.replay
-    conditioner = [('lowsnr_sensor.conditioner_node',)] if real else []
-    return conditioner + [
+    conditioner = real and _runs_here('conditioner', options)
+    return [('lowsnr_sensor.conditioner_node',)] * bool(conditioner) + [
         ('lowsnr_detect.node.warm_up', name, 'adaptive' if real else 'matched')
-        for name in options.detectors]
+        for name in options.detectors if _runs_here(name, options)]
+
+
+def _runs_here(name: str, options: argparse.Namespace) -> bool:
+    """Return whether the conditioner or a detector, or a tile of it, may run on this host."""
+    def names(words: Iterable[str]) -> set[str]:
+        return {word.rpartition('.')[2].removesuffix('_detector') for word in words}
+    if options.only:
+        return name in {re.sub(r'_\d+$', '', word) for word in names(options.only)}
+    # Of a detector in tiles the node of its name is the merger.
+    return options.tiles != (1, 1) or name not in names(options.expect)
 
 
 def print_parameters(described: Iterable[tuple[str, Any, str, str]]) -> None:
@@ -124,9 +135,8 @@ def add_recorded_frames(parser: Parser) -> None:
         help='topic of the truth in the bag, if it has any (default: /ground_truth)')
     add_film(parser)
     add_truth(parser)
-    parser.only_with(
-        '--replay', '--frames-topic', '--truth-topic', '--select', '--pattern', '--period',
-        '--truth')
+    parser.only_with('--replay', '--select', '--pattern', '--period', '--truth')
+    parser.only_with('--replay', '--frames-topic', '--truth-topic', unless='--camera')
     parser.set_defaults(truth_bag=None)  # what becomes of --truth
     parser.add_argument(
         '--condition', choices=('auto', 'on', 'off'), default='auto',

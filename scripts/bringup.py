@@ -109,7 +109,8 @@ def plan_of(options: argparse.Namespace) -> 'RunPlan':
 
 def calibrate(plan: 'RunPlan', part: 'Part') -> None:
     """Find the thresholds of matched detectors here, where progress can be shown."""
-    own = {f'{node.namespace}/{node.section}' for node in part.own}  # also of a tile alone
+    # The threshold is found where the detector or a tile of it runs; the merger has none.
+    own = {f'{node.namespace}/{node.section}' for node in part.own if not node.merges}
     for path, detector in plan.detectors.items():
         values = plan.parameters[path]
         if path in own and values['operating_point'] == 'matched':

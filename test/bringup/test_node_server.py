@@ -151,6 +151,35 @@ def test_server_compiles_nothing(tmp_path, environment, monkeypatch):
     assert not [*cache.rglob('*.nbc')]
 
 
+def test_server_outlives_what_it_cannot_load_and_loads_the_rest(
+        tmp_path, environment, monkeypatch):
+    monkeypatch.setenv('PYTHONPATH', environment['PYTHONPATH'])
+    (tmp_path / 'made_broken.py').write_text('def preload():\n    raise OSError(28, "full")\n')
+    broken = [('made_broken',), ('made_nowhere',), ('lowsnr_detect.node.warm_up', 'no detector')]
+    with NodeServer(*broken, ('made_for_test',)) as server, ProcessGroup(
+            tmp_path / 'log', environment, server) as group:
+        wait_for((tmp_path / 'preloaded').exists)
+        member = group.start(node('3'), tmp_path / 'none.yaml')
+        assert isinstance(member.process, ForkedProcess)
+        assert member.process.wait(ENDS_WITHIN_S) == 3
+
+
+def test_server_loads_all_at_once_after_one_quiet_time(tmp_path, environment, monkeypatch):
+    monkeypatch.setenv('PYTHONPATH', environment['PYTHONPATH'])
+    (tmp_path / 'made_note.py').write_text("""
+from pathlib import Path
+import time
+def preload(word):
+    with Path(__file__).with_name('noted').open('a') as file:
+        file.write(f'{time.monotonic()}\\n')
+""")
+    with NodeServer(*[('made_note', str(n)) for n in range(8)]):
+        noted = tmp_path / 'noted'
+        wait_for(lambda: noted.exists() and len(noted.read_text().splitlines()) == 8)
+    times = [float(each) for each in noted.read_text().splitlines()]
+    assert min(later - time for time, later in zip(times[:-1], times[1:], strict=True)) < 1.0
+
+
 def test_server_has_only_the_threads_that_rclpy_starts(environment, tmp_path, monkeypatch):
     """A thread that takes a lock would keep it locked in every forked node."""
     monkeypatch.setenv('PYTHONPATH', environment['PYTHONPATH'])

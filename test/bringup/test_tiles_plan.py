@@ -24,7 +24,7 @@ def test_divided_detector_has_a_node_for_each_tile_and_one_that_joins_them():
     assert [node.label for node in whole.nodes] == [
         'evaluator', 'tracker', 'sdt_detector', 'sensor']
     assert made.detectors == whole.detectors
-    assert [node.label for node in made.nodes if node.joins] == ['sdt_detector']
+    assert [node.label for node in made.nodes if node.merges] == ['sdt_detector']
     assert [node.label for node in made.nodes if node.tile] == ['sdt_1', 'sdt_2']
     assert made.name == whole.name
 

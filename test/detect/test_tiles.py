@@ -9,8 +9,8 @@ from lowsnr_common.settings.node_settings import DetectionSettings
 from lowsnr_common.settings.node_settings import TileSettings
 from lowsnr_detect.parts.cell_detector import CellDetector
 from lowsnr_detect.parts.registry import detector_class
-from lowsnr_detect.tiles.crossings import crossings_in
-from lowsnr_detect.tiles.crossings import declared
+from lowsnr_detect.tiles.exceedances import declared
+from lowsnr_detect.tiles.exceedances import exceedances_in
 from lowsnr_detect.tiles.tile import divisible
 from lowsnr_detect.tiles.tile import tiles_of
 import numpy as np
@@ -53,9 +53,9 @@ def compare(detector, tiles, count, shape=SHAPE, seed=1):
     parts, found = [detector.init(tile.shape) for tile in tiles], []
     for frame in frames(detector.sensor, count, shape, seed):
         whole, at_once = detector.step(whole, frame, rng)
-        made = [crossings_in(detector, *each, frame) for each in zip(tiles, parts, strict=True)]
-        parts, crossings = zip(*made, strict=True)
-        found.append((at_once.estimates(), declared(detector, crossings, shape).estimates()))
+        made = [exceedances_in(detector, *each, frame) for each in zip(tiles, parts, strict=True)]
+        parts, exceedances = zip(*made, strict=True)
+        found.append((at_once.estimates(), declared(detector, exceedances, shape).estimates()))
     return found
 
 
@@ -99,7 +99,7 @@ def test_halo_of_sdt_is_the_least_that_holds_the_longest_path():
         for step in range(5):  # an object that comes from the other tile, a cell a frame
             frame = np.zeros(SHAPE)
             frame[10, first - 4 + step] = 2.0 * detector.sensor.intensity
-            state, found = crossings_in(detector, each, state, frame)
+            state, found = exceedances_in(detector, each, state, frame)
         peaks.append(found.excess.max(initial=0.0))
     # Each of five frames adds (I / sigma^2) (2 I - I / 2), of which the short halo lacks one.
     one = 1.5 * detector.sensor.intensity**2 / detector.sensor.noise_std**2
@@ -113,7 +113,7 @@ def test_cells_at_a_seam_are_thinned_together():
     seam, frame = tiles[0].cols[1], np.zeros(SHAPE)
     # The strongest suppresses its neighbour beyond the seam, which would suppress the third.
     frame[5, seam - 1:seam + 2] = np.array([9.0, 8.0, 7.0]) * detector.sensor.noise_std
-    found = [crossings_in(detector, tile, None, frame)[1] for tile in tiles]
+    found = [exceedances_in(detector, tile, None, frame)[1] for tile in tiles]
     assert [len(part.excess) for part in found] == [1, 2]
     made = declared(detector, found, SHAPE).estimates()
     assert [tuple(item.state[[0, 2]]) for item in made] == [(seam - 1, 5), (seam + 1, 5)]
@@ -123,18 +123,18 @@ def test_missing_tile_lacks_only_what_is_in_it():
     detector = build('cdt', {'threshold': 1.0})
     tiles, frame = tiles_of(detector, SHAPE, GRID), np.zeros(SHAPE)
     frame[3, 3] = frame[28, 40] = 9.0 * detector.sensor.noise_std
-    found = [crossings_in(detector, tile, None, frame)[1] for tile in tiles]
+    found = [exceedances_in(detector, tile, None, frame)[1] for tile in tiles]
     assert len(declared(detector, found, SHAPE).estimates()) == 2
     only, = declared(detector, found[:-1], SHAPE).estimates()
     assert tuple(only.state[[0, 2]]) == (3.0, 3.0)
     assert declared(detector, [], SHAPE).estimates() == []
 
 
-def test_more_crossings_than_suffice_are_left_out_and_the_declarations_stay():
+def test_more_exceedances_than_suffice_are_left_out_and_the_declarations_stay():
     detector = build('cdt', {'threshold': -50.0, 'max_detections': 3, 'thinning_reach': 1})
     tiles = tiles_of(detector, SHAPE, GRID)
     frame = np.random.default_rng(4).standard_normal(SHAPE)
-    found = [crossings_in(detector, tile, None, frame)[1] for tile in tiles]
+    found = [exceedances_in(detector, tile, None, frame)[1] for tile in tiles]
     assert {len(part.excess) for part in found} == {3 * 3**2}
     check_same([(detector.step(None, frame, None)[1].estimates(),
                  declared(detector, found, SHAPE).estimates())], 2)
@@ -164,7 +164,11 @@ def test_detector_that_needs_the_whole_frame_is_refused(detector, operating, wor
     assert len(str(caught.value).splitlines()) == 1
 
 
-@pytest.mark.parametrize(('down', 'across'), [(0, 1), (31 - 16, 0), (9, 2)])
-def test_tiles_that_do_not_divide_the_frame_are_refused(down, across):
-    with pytest.raises(ValueError, match='tiles do not divide'):
-        tiles_of(build('cdt', {}), (8, 44), TileSettings(tiles_down=down, tiles_across=across))
+@pytest.mark.parametrize(('rows', 'down', 'across', 'words'), [
+    (8, 0, 1, '0 tiles cannot divide the 8 rows of a frame: set 1 to 8'),
+    (8, 8, 0, '0 tiles cannot divide the 44 columns of a frame: set 1 to 44'),
+    (8, 9, 2, '9 tiles cannot divide the 8 rows of a frame: set 1 to 8'),
+    (0, 1, 1, 'the rows of a frame are not known: set rows and cols')])
+def test_tiles_that_do_not_divide_the_frame_are_refused(rows, down, across, words):
+    with pytest.raises(ValueError, match=f'^{words}$'):
+        tiles_of(build('cdt', {}), (rows, 44), TileSettings(tiles_down=down, tiles_across=across))

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What waits in the queue of a subscription is taken at once, and no more than that."""
 
-from lowsnr_common.ros.inputs import drain
+from drain import drain
 from lowsnr_common.ros.qos import reliable
 from rclpy.node import Node
 from std_msgs.msg import Header

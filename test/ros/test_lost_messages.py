@@ -50,8 +50,8 @@ def test_lost_messages_are_counted_once_and_those_of_other_publishers_never():
     there = {1}
     lost = LostMessages(lambda: set(there))
     assert [lost.arrived(number) for number in (5, 6, 9)] == [0, 0, 2]
-    assert [lost.reported(count) for count in (1, 1, 1)] == [0, 0, 1]  # 2 of them are the gap
-    assert [lost.arrived(number) for number in (12, 13)] == [1, 0]  # 1 of them was reported
+    assert [lost.reported(count) for count in (1, 2)] == [1, 2]  # others than the gap
+    assert [lost.arrived(number) for number in (12, 13, 18, 20)] == [0, 0, 3, 1]
     there.add(2)
     assert [lost.arrived(number) for number in (40, 14, 41, 15)] == [0, 0, 0, 0]
     there.remove(1)
@@ -59,3 +59,15 @@ def test_lost_messages_are_counted_once_and_those_of_other_publishers_never():
     there = {3}
     assert [lost.arrived(number) for number in (2, 3, 3, 5)] == [0, 0, 0, 1]
     assert lost.arrived(None) == lost.arrived(9) == 0  # another middleware gives no numbers
+
+
+def test_report_from_before_a_gap_that_cannot_be_counted_hides_no_later_loss():
+    there = {1}
+    lost = LostMessages(lambda: set(there))
+    assert lost.reported(5) == 5
+    assert [lost.arrived(number) for number in (9, 15)] == [0, 5]
+    assert lost.reported(4) == 4
+    there = {2}
+    assert [lost.arrived(number) for number in (3, 6)] == [0, 2]
+    assert lost.reported(4) == 4
+    assert [lost.arrived(number) for number in (None, 7, 9)] == [0, 0, 1]

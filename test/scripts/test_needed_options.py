@@ -23,3 +23,30 @@ def test_option_that_does_nothing_without_another_is_rejected(capsys, option, va
     other = [needed] if needed == '--view' else [needed, '.']
     also = ['--replay', '.'] if needed == '--truth' else []
     assert bringup.parse_arguments(arguments + other + also)
+
+
+@pytest.mark.parametrize(('option', 'why'), [
+    ('frames_topic', '--frames-topic: not allowed with --camera: --camera names the topic'),
+    ('truth_topic', '--truth-topic: not allowed with --camera: a camera publishes no truth')])
+def test_topic_of_a_bag_beside_a_camera_is_rejected_with_the_reason(
+        monkeypatch, capsys, option, why):
+    arguments = ['--camera', '/c', f'--{option.replace("_", "-")}', '/x']
+    monkeypatch.setattr('sys.argv', ['bringup.py', *arguments])
+    assert bringup.main() == 2
+    assert why in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(('options', 'detectors', 'conditioner'), [
+    ('--detector cdt sdt', ['cdt', 'sdt'], False),
+    ('--detector cdt sdt --only evaluator', [], False),
+    ('--detector cdt sdt --only cdt sdt.tracker', ['cdt'], False),
+    ('--detector cdt sdt --only sdt.sdt_detector', ['sdt'], False),
+    ('--detector cdt sdt --expect cdt', ['sdt'], False),
+    ('--tiles 1x2 --only sdt_2', ['sdt'], False),
+    ('--tiles 1x2 --expect sdt sdt_2', ['sdt'], False),
+    ('--camera /a --only conditioner', [], True), ('--camera /a --only sdt', ['sdt'], False),
+    ('--camera /a --expect conditioner', ['sdt'], False), ('--camera /a', ['sdt'], True)])
+def test_server_of_nodes_loads_what_this_host_needs(options, detectors, conditioner):
+    found = bringup.modules_of(bringup.parse_arguments(options.split()))
+    assert [item[1] for item in found if len(item) > 1] == detectors
+    assert (('lowsnr_sensor.conditioner_node',) in found) == conditioner

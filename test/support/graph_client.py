@@ -8,7 +8,7 @@ import time
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
-from lowsnr_common.ros.inputs import drain
+from drain import drain
 from lowsnr_common.ros.messages import stamp_key
 from lowsnr_common.ros.qos import reliable
 from rcl_interfaces.srv import GetParameters

@@ -4,11 +4,11 @@
 from contextlib import ExitStack
 import functools
 
+from drain import drain
 from graph_client import GraphClient
 from graph_runs import own_domain
 from graph_runs import start_bringup
 from host_faults import HostFaults
-from lowsnr_common.ros.inputs import drain
 from lowsnr_common.ros.qos import reliable
 from nav_msgs.msg import Odometry
 import pytest

@@ -8,9 +8,9 @@ import time
 
 from browser import browser
 from browser import port_of_no_other
+from drain import drain
 from graph_runs import own_domain
 from graph_runs import start_bringup
-from lowsnr_common.ros.inputs import drain
 from lowsnr_common.ros.messages import array_to_estimates
 from lowsnr_common.ros.messages import stamp_key
 from lowsnr_common.ros.qos import reliable

@@ -127,8 +127,8 @@ class Node:
         return self.module == _TILE
 
     @property
-    def joins(self) -> bool:
-        """Whether the node is that of a detector and joins what its tiles find."""
+    def merges(self) -> bool:
+        """Whether the node is that of a detector and merges what its tiles find."""
         return self.module == _MERGER
 
     @property
@@ -175,7 +175,7 @@ def run_nodes(
     composed
         Whether conditioner, detectors and trackers share one process.
     tiles
-        Nodes that share the work of each detector; of several, its own node joins them.
+        Nodes that share the work of each detector; of several, its own node is the merger.
 
     """
     live, several = bool(camera), len(detectors) > 1

@@ -31,6 +31,7 @@ from lowsnr_bringup.plan.start_notes import start_at_once
 from lowsnr_bringup.plan.start_notes import too_fast
 from lowsnr_bringup.plan.wiring import divide
 from lowsnr_bringup.plan.wiring import wiring
+from lowsnr_common.settings.node_settings import RunSettings
 from lowsnr_detect.grid.fixed_lag import lag_of
 from lowsnr_detect.parts.cell_detector import resolution_of
 from lowsnr_detect.parts.detector import Detector
@@ -181,15 +182,16 @@ def _fill_in(
             title = f'{source.name}, expected SNR {snr_db:g} dB: {name}'
             _fill_in_page(values, evaluator, title, number)
         elif node.source:  # only a frame that the evaluator gives up is not waited for
-            values.setdefault(
-                'patience_s', evaluator.get('answer_within_s', 10.0) + _PATIENCE_BEYOND_S)
+            answered_s = evaluator.get('answer_within_s', RunSettings.answer_within_s)
+            values.setdefault('patience_s', answered_s + _PATIENCE_BEYOND_S)
             values['lag'] = max(lags)
 
 
 def _fill_in_page(values: Values, evaluator: Values, title: str, number: int) -> None:
     """Set what the live page of a viewer shows; of several the browser opens the first."""
     known: Values = {key: evaluator[key] for key in ('pixels', 'gate_cells') if key in evaluator}
-    values.update({'title': title, **known, **values})
+    for key, value in {'title': title, **known}.items():
+        values.setdefault(key, value)
     values['page_port'] += number * bool(values['page_port'])
     values['browser'] = values['browser'] and not number
 

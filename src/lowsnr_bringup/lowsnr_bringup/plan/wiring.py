@@ -14,6 +14,7 @@ from lowsnr_bringup.plan.graph import Node
 from lowsnr_bringup.plan.graph import node_of
 from lowsnr_bringup.plan.graph import Values
 from lowsnr_common.settings.node_settings import DetectionSettings
+from lowsnr_common.settings.node_settings import RunSettings
 from lowsnr_common.settings.node_settings import TileSettings
 from lowsnr_detect.parts.detector import Detector
 from lowsnr_detect.tiles.tile import divisible
@@ -35,7 +36,7 @@ def wiring(nodes: Sequence[Node], detectors: Sequence[str], scenario: str) -> La
     consumers = {
         'sensor': frame_readers, 'player': frame_readers, 'conditioner': chains,
         **{node_of(name): 2 + viewers for name in detectors},  # tracker, evaluator, viewer
-        **dict.fromkeys(tiles, 1),  # the node that joins them
+        **dict.fromkeys(tiles, 1),  # the merger
         'tracker': 1 + viewers,  # evaluator, viewer
         'viewer': 1,  # so that it waits for its publishers
         'evaluator': sum(node.source for node in nodes)}  # sensor or player
@@ -65,12 +66,13 @@ def divide(
 
     """
     # The evaluator counts a frame as unanswered after twice as long.
-    within_s = parameters['/evaluator'].get('answer_within_s', 10.0) / 2.0
+    within_s = parameters['/evaluator'].get(
+        'answer_within_s', RunSettings.answer_within_s) / 2.0
     tiling = TileSettings(tiles_down=tiles[0], tiles_across=tiles[1], tile_within_s=within_s)
     for node in nodes:
-        if node.joins:
+        if node.merges:
             _check(node.label, detectors[node.path], parameters[node.path], tiling)
-        if node.joins or node.tile:
+        if node.merges or node.tile:
             parameters[node.path] |= asdict(tiling)
 
 

@@ -4,11 +4,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import field
 import time
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from lowsnr_bringup.plan.graph import Node
 from lowsnr_bringup.run.processes import notify
 from lowsnr_common.ros.connections import OTHER_QOS
 from lowsnr_common.ros.connections import OTHER_TYPE
@@ -70,6 +72,8 @@ class FrameWatch:
             self._printer.clear()
         self._failing = failing
         for key, sentence in faults_of(status).items():
+            if key.endswith(f' {BROKEN}'):  # that of an evaluator has a watch of its own
+                continue
             if self._live or not key.endswith(_OF_PUBLISHERS):
                 self._printer.update(key, sentence)
 
@@ -105,7 +109,7 @@ class TileWatch:
     """
     Prints which tile of a divided detector is missing, and at the end in how many frames one was.
 
-    ``label`` is the name for people of the node that joins the tiles.
+    ``label`` is the name of the merger for people.
     """
 
     def __init__(self, label: str, clock: Callable[[], float] = time.monotonic) -> None:
@@ -123,8 +127,9 @@ class TileWatch:
     def sum_up(self) -> None:
         """Print in how many frames a tile was missing, if in any."""
         if count := sum(self._missed.values()):
-            notify(f'{self._label}: {count} frames were answered without a tile: nothing was '
-                   'declared in its cells')
+            frames = '1 frame was' if count == 1 else f'{count} frames were'
+            notify(f'{self._label}: {frames} answered without a tile: nothing was declared in its '
+                   'cells')
 
 
 @dataclass
@@ -145,6 +150,39 @@ class ResultsWatch:
             notify(self.fault)
         elif before and not self.fault:
             notify('scores are written again')
+
+
+class NodeWatches:
+    """
+    The watches over raw frames, the evaluator's results, and tiles that are missing.
+
+    Parameters
+    ----------
+    nodes
+        Those of this host.  A node may have several watches.
+
+    """
+
+    def __init__(self, nodes: Sequence[Node]) -> None:
+        self.results = ResultsWatch()
+        self._tiles = {node.path: TileWatch(node.label) for node in nodes if node.merges}
+        frames = FrameWatch(live=any(node.live for node in nodes))
+        taker = [node.path for node in nodes if node.takes_raw][-1:]
+        self._all: list[tuple[str, FrameWatch | ResultsWatch | TileWatch]] = [
+            *((path, frames) for path in taker), ('/evaluator', self.results),
+            *self._tiles.items()]
+
+    def update(self, statuses: dict[str, DiagnosticStatus]) -> None:
+        """Take the newest statuses of nodes, by path, out of a dict."""
+        newest = {path: statuses.pop(path) for path in {*dict(self._all)} & {*statuses}}
+        for path, watch in self._all:
+            if path in newest:
+                watch.update(newest[path])
+
+    def sum_up(self) -> None:
+        """Print what is to be said at the end."""
+        for watch in self._tiles.values():
+            watch.sum_up()
 
 
 @dataclass

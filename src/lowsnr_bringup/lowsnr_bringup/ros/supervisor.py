@@ -19,9 +19,7 @@ from lowsnr_bringup.ros.heard.part_report import DONE as PUBLISHED_ALL
 from lowsnr_bringup.ros.heard.part_report import RUNNING
 from lowsnr_bringup.ros.manager import GraphFailure
 from lowsnr_bringup.ros.manager import Manager
-from lowsnr_bringup.ros.node_watch import FrameWatch
-from lowsnr_bringup.ros.node_watch import ResultsWatch
-from lowsnr_bringup.ros.node_watch import TileWatch
+from lowsnr_bringup.ros.node_watch import NodeWatches
 from lowsnr_bringup.ros.respawner import Respawner
 from lowsnr_bringup.run.forked_nodes import NodeServer
 from lowsnr_bringup.run.hang_watch import HangWatch
@@ -92,12 +90,8 @@ class Supervisor:
         self._hang_watch = HangWatch(answer_within_s)
         self._environment, self._server, self._claim = environment, server, claim
         self._stops_faster: int | None = None  # once the run ends: signals that end it faster
-        self.account, self.results = Account(), ResultsWatch()
-        self._tiles = {node.path: TileWatch(node.label) for node in part.own if node.joins}
-        taker = next((node.path for node in reversed(part.own) if node.takes_raw), '')
-        self._watches: dict[str, FrameWatch | ResultsWatch | TileWatch] = {
-            taker: FrameWatch(live=any(node.live for node in part.own)),
-            '/evaluator': self.results, **self._tiles}
+        self.account, self._watches = Account(), NodeWatches(part.own)
+        self.results = self._watches.results
         self._missed: dict[Node, str] = {}  # nodes that stay dead, and how they died
 
     def run(self) -> tuple[int, str]:
@@ -149,9 +143,8 @@ class Supervisor:
         finally:
             self._group.stop(self._manager.catch_up)
             self._manager.catch_up()  # what they said at last belongs to the account
-            self._watch_nodes()
-            for watch in self._tiles.values():
-                watch.sum_up()
+            self._watches.update(self._manager.reports.statuses)
+            self._watches.sum_up()
             self.account = self._manager.account()
 
     def _follow(self) -> None:
@@ -208,7 +201,7 @@ class Supervisor:
                 self._continue_without(member)
         self._respawner.update()
         self._end_hanging()
-        self._watch_nodes()
+        self._watches.update(self._manager.reports.statuses)
 
     def _end_hanging(self) -> None:
         """Kill the nodes that hang where they are to be started again, otherwise name them."""
@@ -220,12 +213,6 @@ class Supervisor:
             else:
                 self._hang_watch.name(
                     member, how, '; only with --respawn does bring-up start it again')
-
-    def _watch_nodes(self) -> None:
-        """Print the faults of raw frames, of the evaluator's results, and of missing tiles."""
-        for path, watch in self._watches.items():
-            if path in self._manager.reports.statuses:
-                watch.update(self._manager.reports.statuses.pop(path))
 
     def _continue_without(self, member: NodeProcess) -> None:
         """Continue without a node that stays dead, or raise if the run needs it."""

@@ -29,7 +29,6 @@ from typing import NoReturn
 import warnings
 
 from lowsnr_common.core.compiled import loading_only
-from lowsnr_common.core.compiled import NotOnDisk
 from lowsnr_common.core.process_setup import keep_freed_memory
 from lowsnr_common.core.process_setup import LIFELINE
 from setproctitle import getproctitle
@@ -40,7 +39,8 @@ _SHARED = (
     ('lowsnr_sensor.sensor_node',), ('lowsnr_detect.node.detector_node',),
     ('lowsnr_track.tracker_node',), ('lowsnr_common.ros.process.first_uses',))
 # What one node needs: at the start of the graph each loads its own, at the same time as others.
-# The server loads it once so long [s] has passed without a request, for nodes that start again.
+# The server loads it all once so long [s] has passed without a request, for nodes that start
+# again.
 _OF_ONE_NODE: tuple[Sequence[str], ...] = (('lowsnr_eval.evaluator_node',),)
 _QUIET_S = 2.0
 _LARGEST_REQUEST = 2**20
@@ -48,24 +48,31 @@ _MOST_FILES = 128  # the log, the lines to bring-up, and the claim on the domain
 
 
 def _load(name: str, *arguments: str) -> None:
-    """Import a module, and call its function ``preload`` if it has one."""
-    module = importlib.import_module(name)
-    if hasattr(module, 'preload'):
-        # Nodes compile what is not on disk, several at a time, and say that they do.
-        with suppress(NotOnDisk), loading_only():
+    """
+    Import a module, and call its function ``preload`` if it has one.
+
+    Where that fails, nodes do it themselves, and say why it fails.  They also compile what is
+    not on disk, several at a time, and say that they do.
+    """
+    with suppress(Exception), loading_only():
+        module = importlib.import_module(name)
+        if hasattr(module, 'preload'):
             module.preload(*arguments)
 
 
 def _serve(channel: socket.socket, later: list[Sequence[str]]) -> str:
     """Fork nodes until bring-up is gone; in a node, return the module that it is to run."""
     channel.send(b'ready')
+    wait_s = _QUIET_S
     while True:
-        channel.settimeout(_QUIET_S if later else None)
+        channel.settimeout(wait_s if later else None)
         try:
             request, files, *_ = socket.recv_fds(channel, _LARGEST_REQUEST, _MOST_FILES)
-        except TimeoutError:
+        except (TimeoutError, BlockingIOError):
             _load(*later.pop(0))
+            wait_s = 0.0  # the graph has started
             continue
+        wait_s = _QUIET_S
         if not request:
             return ''
         gc.freeze()  # so that the memory of what was imported stays shared

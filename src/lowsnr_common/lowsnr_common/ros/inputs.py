@@ -42,12 +42,6 @@ def take_waiting(subscription: Any) -> Iterator[tuple[Any, dict[str, Any]]]:
         yield found
 
 
-def drain(subscription: Any) -> None:
-    """Pass the messages in the queue of a subscription to its callback; a spin takes one."""
-    for message, _ in take_waiting(subscription):
-        subscription.callback(message)
-
-
 class LostMessages:
     """
     The messages of a publisher that did not arrive, by gaps in the numbers that it gives them.
@@ -65,27 +59,27 @@ class LostMessages:
     def __init__(self, publishers: Callable[[], Collection[Any]]) -> None:
         self._publishers, self._known = publishers, publishers()
         self._last: int | None = None
-        self._missing = self._reported = 0
+        self._owed = 0  # reported, and not yet seen as a gap
 
     def arrived(self, number: int | None) -> int:
         """Return how many are newly known to be lost, with the number of a message, if any."""
         last, self._last = self._last, number
-        if number is None or (last is not None and number == last + 1):
+        if number is not None and last is not None and number == last + 1:
+            return 0
+        owed, self._owed = self._owed, 0
+        if number is None:
             return 0
         known, self._known = self._known, self._publishers()
         if last is None or number <= last or len(known) != 1 or self._known != known:
             return 0  # the first one, or those of others
-        return self._count(number - last - 1, 0)
+        gap = number - last - 1
+        self._owed = max(owed - gap, 0)
+        return max(gap - owed, 0)
 
     def reported(self, count: int) -> int:
         """Return how many are newly known to be lost, as the middleware reports so many."""
-        return self._count(0, count)
-
-    def _count(self, missing: int, reported: int) -> int:
-        before = max(self._missing, self._reported)
-        self._missing += missing
-        self._reported += reported
-        return max(self._missing, self._reported) - before
+        self._owed += count
+        return count
 
 
 class Input:

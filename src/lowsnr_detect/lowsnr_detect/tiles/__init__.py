@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-A detector in several nodes, each with a tile of the frame, and one that joins what they find.
+A detector in several nodes, each with a tile of the frame, and a merger of what they find.
 
 A tile is computed with a halo of cells around it, so that its statistic is that of the whole
 frame.  A tile sends all cells above the threshold, not its declarations, because what is declared

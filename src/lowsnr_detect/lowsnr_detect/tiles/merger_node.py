@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node of a divided detector: it joins what the tiles find, and publishes ``detections``."""
+"""The merger of a divided detector, which publishes ``detections`` from what the tiles find."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from lowsnr_common.settings.node_settings import DetectionSettings
 from lowsnr_common.settings.node_settings import TileSettings
 from lowsnr_detect.node.live_settings import acts
 from lowsnr_detect.parts.registry import detector_class
-from lowsnr_detect.tiles.crossings import declared
-from lowsnr_detect.tiles.ros.clouds import cloud_to_crossings
+from lowsnr_detect.tiles.exceedances import declared
+from lowsnr_detect.tiles.ros.clouds import cloud_to_exceedances
 from lowsnr_detect.tiles.tile import divisible
 from lowsnr_detect.tiles.tile import tiles_of
 from lowsnr_detect.tiles.tile_join import JoinedFrame
@@ -34,7 +34,6 @@ from nav_msgs.msg import Odometry
 from rclpy.lifecycle import LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn
 from sensor_msgs.msg import PointCloud2
-from std_msgs.msg import Header
 from vision_msgs.msg import Detection2DArray
 
 _LOOK_EVERY_S = 0.05
@@ -42,7 +41,7 @@ _LOOK_EVERY_S = 0.05
 
 class MergerNode(ManagedNode):
     """
-    Answer each frame with one array on ``detections``, from the crossings of all tiles.
+    Answer each frame with one array on ``detections``, from the exceedances of all tiles.
 
     A frame waits for each tile for at most ``tile_within_s``.  Where one is missing, nothing is
     declared in its cells; such frames are counted and reported.
@@ -60,15 +59,16 @@ class MergerNode(ManagedNode):
         """Create publishers and subscriptions."""
         depth = reliable(self.settings.queue_depth)
         self._join = TileJoin(len(self.tiles), self.tiling.tile_within_s)
-        self._headers: dict[int, Header] = {}
         self._array = self.create_publisher(Detection2DArray, 'detections', depth)
         # Without a velocity nothing is published there; the readers are those of any detector.
         self._odometry = self.create_publisher(Odometry, 'detections/odometry', depth)
         self.outputs = {
             self._array: self.settings.consumers, self._odometry: bool(self.settings.consumers)}
         for number in self.tiles:
-            self.listen(
-                PointCloud2, tile_topic(number), partial(self._on_crossings, number), depth)
+            heard = self.listen(
+                PointCloud2, tile_topic(number), partial(self._on_exceedances, number), depth)
+            # A merger that starts again does not wait for a tile, which may be away.
+            heard.awaited = not self.settings.lives
         self.bringup.hear(run_records.RESTARTS, DiagnosticArray, self._on_restart)
         self.create_timer(_LOOK_EVERY_S, self._answer)
         return TransitionCallbackReturn.SUCCESS
@@ -88,17 +88,15 @@ class MergerNode(ManagedNode):
         return AlarmRate(self.operating.false_alarm_prob if acts(
             'false_alarm_prob', self.operating) else None)
 
-    def _on_crossings(self, number: int, cloud: PointCloud2) -> None:
+    def _on_exceedances(self, number: int, cloud: PointCloud2) -> None:
         topic = tile_topic(number)
         if not self.active or not self.is_new(topic, cloud.header.stamp):
             return
         self.counts['in'] += 1
-        found, stamp = cloud_to_crossings(cloud, self.tiles[number]), messages.stamp_key(
-            cloud.header.stamp)
-        if self._join.add(number, stamp, found, time.monotonic()):
-            self._headers.setdefault(stamp, cloud.header)
-        else:
-            self.reject(topic, 'late crossings', f'the frame of {in_seconds(stamp)} s was '
+        found = cloud_to_exceedances(cloud, self.tiles[number], self.detector)
+        stamp = messages.stamp_key(cloud.header.stamp)
+        if not self._join.add(number, stamp, (cloud.header, found), time.monotonic()):
+            self.reject(topic, 'late exceedances', f'the frame of {in_seconds(stamp)} s was '
                         'answered without them')
         self._answer()
 
@@ -112,11 +110,11 @@ class MergerNode(ManagedNode):
     def _answer(self) -> None:
         """Publish what is declared in the frames that wait for no tile any more."""
         for frame in self._join.take(time.monotonic()) if self.active else ():
-            header = self._headers.pop(frame.stamp)
             self._count_missing(frame)
-            found = declared(self.detector, list(frame.parts.values()), self.shape)
+            headers, parts = zip(*frame.parts.values(), strict=True)
+            found = declared(self.detector, parts, self.shape)
             self._array.publish(messages.estimates_to_array(
-                found.estimates(), header, self.detector.sensor.cell_size_m))
+                found.estimates(), headers[0], self.detector.sensor.cell_size_m))
             self.counts['out'] += 1
 
     def _count_missing(self, frame: JoinedFrame) -> None:
@@ -129,7 +127,7 @@ class MergerNode(ManagedNode):
 
 
 def main(detector: str) -> None:
-    """Run the node that joins the tiles of a detector."""
+    """Run the merger of a detector."""
     run(lambda: MergerNode(detector))
 
 

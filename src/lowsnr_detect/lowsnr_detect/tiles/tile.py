@@ -96,8 +96,9 @@ def tiles_of(
             shape, (tiling.tiles_down, tiling.tiles_across), ('rows', 'columns'), strict=True):
         if not 0 < count <= cells:
             raise ValueError(
-                f'{count} tiles do not divide the {cells} {name} of a frame: set fewer, and set '
-                'rows and cols if frames have more')
+                f'{count} tiles cannot divide the {cells} {name} of a frame: set 1 to {cells}'
+                if cells > 0 else
+                f'the {name} of a frame are not known: set rows and cols')
         edges = np.linspace(0, cells, count + 1).astype(int).tolist()
         spans.append([
             ((first, last), (max(first - halo, 0), min(last + halo, cells)))

@@ -22,10 +22,10 @@ from lowsnr_detect.calibration.operating_point import logged_progress
 from lowsnr_detect.node.warm_up import warm_up
 from lowsnr_detect.parts.cell_detector import CellDetector
 from lowsnr_detect.parts.registry import detector_class
-from lowsnr_detect.tiles.crossings import Crossings
-from lowsnr_detect.tiles.crossings import crossings_in
-from lowsnr_detect.tiles.crossings import NONE
-from lowsnr_detect.tiles.ros.clouds import crossings_to_cloud
+from lowsnr_detect.tiles.exceedances import Exceedances
+from lowsnr_detect.tiles.exceedances import exceedances_in
+from lowsnr_detect.tiles.exceedances import NONE
+from lowsnr_detect.tiles.ros.clouds import exceedances_to_cloud
 from lowsnr_detect.tiles.tile import divisible
 from lowsnr_detect.tiles.tile import tiles_of
 from rclpy.lifecycle import LifecycleState
@@ -36,12 +36,12 @@ from sensor_msgs.msg import PointCloud2
 
 def tile_topic(number: int) -> str:
     """Return the topic of the tile of a number, from 1."""
-    return f'crossings/tile_{number}'
+    return f'exceedances/tile_{number}'
 
 
 class TileNode(ManagedNode):
     """
-    Answer each frame on ``image_raw`` with the crossings in one tile, on a topic of its own.
+    Answer each frame on ``image_raw`` with the exceedances in one tile, on a topic of its own.
 
     The threshold is that of the whole frame.  Settings are read when the node starts.
     """
@@ -78,11 +78,11 @@ class TileNode(ManagedNode):
         if not self.active or not self.is_new('image_raw', image.header.stamp):
             return
         self.counts['in'] += 1
-        self._cloud.publish(crossings_to_cloud(self._found(image), image.header))
+        self._cloud.publish(exceedances_to_cloud(self._found(image), image.header))
         self.counts['out'] += 1
 
-    def _found(self, image: Image) -> Crossings:
-        """Return the crossings in a frame, none in one that is rejected."""
+    def _found(self, image: Image) -> Exceedances:
+        """Return the exceedances in a frame, none in one that is rejected."""
         try:
             frame = messages.image_to_frame(image)
             if frame.shape != self.shape:
@@ -92,7 +92,7 @@ class TileNode(ManagedNode):
         except Malformed as error:
             self.reject('image_raw', error.reason, f'{error}; frame rejected, nothing found in it')
             return NONE
-        self._memory, found = crossings_in(self._detector, self.tile, self._memory, frame)
+        self._memory, found = exceedances_in(self._detector, self.tile, self._memory, frame)
         return found
 
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The messages between tiles and the node that joins them."""
+"""The messages between tiles and their merger."""

@@ -19,7 +19,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Crossings:
+class Exceedances:
     """
     Cells whose statistic exceeds the threshold, in the coordinates of the frame.
 
@@ -41,18 +41,19 @@ class Crossings:
     place: np.ndarray
     cov: np.ndarray
 
-    def __getitem__(self, index: Any) -> Crossings:
+    def __getitem__(self, index: Any) -> Exceedances:
         """Return those that an index picks."""
-        return Crossings(self.cell[index], self.excess[index], self.place[index], self.cov[index])
+        return Exceedances(
+            self.cell[index], self.excess[index], self.place[index], self.cov[index])
 
 
-NONE = Crossings(
+NONE = Exceedances(
     np.empty((0, 2), np.intp), np.empty(0), np.empty((0, 2)), np.empty((0, 2, 2)))
 
 
-def crossings_in(
+def exceedances_in(
     detector: CellDetector, tile: Tile, state: Any, frame: np.ndarray,
-) -> tuple[Any, Crossings]:
+) -> tuple[Any, Exceedances]:
     """
     Advance a detector on a tile by a frame.
 
@@ -71,7 +72,7 @@ def crossings_in(
     -------
     state
         Memory after the frame.
-    Crossings
+    Exceedances
         Those inside the tile; of very many the strongest, which suffice.
 
     """
@@ -86,7 +87,7 @@ def crossings_in(
     cell, excess = _strongest(detector, cell[inside], excess[inside])
     shift, cov = _moments(detector, plane, cell)
     place = detector.sensor.cell_size_m * (cell + first)[:, ::-1] + shift
-    return state, Crossings(cell + first, excess, place, cov)
+    return state, Exceedances(cell + first, excess, place, cov)
 
 
 def _strongest(
@@ -113,14 +114,14 @@ def _moments(
 
 
 def declared(
-    detector: CellDetector, parts: Sequence[Crossings], shape: tuple[int, int],
+    detector: CellDetector, parts: Sequence[Exceedances], shape: tuple[int, int],
 ) -> Declarations:
     """
-    Return what a detector declares in a frame (rows, cols) of whose tiles these are the crossings.
+    Return what a detector declares in a frame (rows, cols) whose tiles have these exceedances.
 
-    Where the crossings of a tile are missing, nothing is declared there.
+    Where the exceedances of a tile are missing, nothing is declared there.
     """
-    found = Crossings(*(np.concatenate([getattr(NONE, name), *(
+    found = Exceedances(*(np.concatenate([getattr(NONE, name), *(
         getattr(part, name) for part in parts)]) for name in ('cell', 'excess', 'place', 'cov')))
     flat = found.cell @ np.array([shape[1], 1])
     order = np.argsort(flat)  # ties are broken as in a whole frame
