@@ -10,6 +10,8 @@ from lowsnr_common.core.motion import MotionModes
 from lowsnr_common.core.motion import POS
 from lowsnr_common.core.motion import VEL
 from lowsnr_common.core.records import Estimate
+from lowsnr_detect.detectors.sdt import SDT
+from lowsnr_detect.parts.cell_detector import resolution_of
 from lowsnr_track.pda_mmpf import PdaMmpf
 from lowsnr_track.tracks import TrackerOutput
 import numpy as np
@@ -103,7 +105,8 @@ def id_changes(ids: np.ndarray) -> int:
 
 
 def sized(tracker: PdaMmpf, side: int, particles: int, objects: int) -> PdaMmpf:
-    """Return the tracker for a frame of ``side`` squared with so many objects."""
+    """Return the tracker behind SDT for a frame of ``side`` squared with so many objects."""
     return replace(
         tracker, rows=side, cols=side, particles=particles,
+        detection=replace(tracker.detection, resolution=resolution_of(SDT())),
         life=replace(tracker.life, max_tracks=4 * objects + 100))

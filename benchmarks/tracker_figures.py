@@ -27,6 +27,7 @@ PARTICLES = (2000, 10_000)
 EXACT_PARTICLES = (2000, 20_000)
 HEADER = '| what | measured | goal | met |\n|---|---|---|---|'
 SNR_DB, ITERATIONS = 9.0, 5
+MODELS = {'PDA': '', 'JPDA': ' (one constant-velocity Kalman filter, on objects that turn)'}
 
 
 def main() -> int:
@@ -180,9 +181,10 @@ def stonesoup_rows(found: dict[str, Any] | None) -> Iterator[str]:
         count = min(pairs, key=lambda each: pairs[each]['gospa_m'][1])
         pair, faster = pairs[count], found[name]['median_ratio']
         yield row(
-            f'against Stone Soup\'s {name}, same detections, {found[name]["runs"]} runs, at most '
-            f'its {pair["false"][1]:.2f} false tracks a frame (confirmed after {count} detections,'
-            ' its best GOSPA): hits more; GOSPA, RMSE, over its own; its time over ours',
+            f"against Stone Soup's {name}{MODELS[name]}, same detections, "
+            f'{found[name]["runs"]} runs, at most its {pair["false"][1]:.2f} false tracks a frame '
+            f'(confirmed after {count} detections, its best GOSPA): hits more; GOSPA, RMSE, over '
+            'its own; its time over ours',
             f'{between(pair["pd_gain"], "+.3f")}; {between(pair["gospa_ratio"], ".2f")}, '
             f'{between(pair["rmse_ratio"], ".2f")}; {faster:.1f}', '0; 1, 1; 1',
             pair['pd_gain'][0] > 0 and max(

@@ -17,9 +17,11 @@ from typing import Any
 from lowsnr_common.core.measurement import SensorModel
 from lowsnr_detect.calibration.operating_point import calibrated
 from lowsnr_detect.detectors.sdt import SDT
+from lowsnr_detect.parts.cell_detector import resolution_of
 from lowsnr_eval.study.experiment import simulate_run
 from lowsnr_eval.study.offline_chain import detect
 from lowsnr_sensor.scenario import load_scenario
+from lowsnr_track.detection_model import DetectionModel
 from lowsnr_track.pda_mmpf import PdaMmpf
 import numpy as np
 from scipy.special import expit
@@ -50,7 +52,8 @@ def measure(
     detector = replace(detector, threshold=found.threshold)
     tracker = PdaMmpf(
         sensor=sensor, rows=scenario.rows, cols=scenario.cols,
-        frames_per_detection=detector.frames_per_declaration)
+        frames_per_detection=detector.frames_per_declaration,
+        detection=DetectionModel(resolution=resolution_of(detector)))
     confirm = calibrate(pool, detector, tracker, empty_runs, seed)
     tracker = replace(tracker, life=replace(
         tracker.life, confirm_probability=confirm,

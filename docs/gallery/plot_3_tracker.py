@@ -4,9 +4,9 @@ Two objects that cross
 ======================
 
 Detections, and the tracks that the tracker makes of them, with the ellipses of two standard
-deviations that it states. The objects are in the same cell in frame 20. Both tracks go on, but in
-this run they leave the crossing with each other's object: detections of cells have no velocity,
-and do not tell which object is which.
+deviations that it states. The objects are in the same cell in frame 20, and have one detection for
+some frames. It moves both tracks little, so that they keep their velocities, and in this run each
+leaves the crossing with its own object. Behind SDT that is so in a part of the runs only.
 """
 
 import lowsnr

@@ -24,3 +24,7 @@ def test_it_is_the_cells_that_a_declaration_suppresses_and_half_of_one():
 
 def test_it_can_be_set():
     assert resolutions(['sdt'], 'tracker.detection.resolution=1') == [1.0]
+
+
+def test_it_may_be_that_of_the_farthest_thinning():
+    assert resolutions(['cdt'], 'cdt.thinning_reach=50') == [50.5]

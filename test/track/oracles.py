@@ -154,7 +154,7 @@ def joint_groups(given, linked):
     shared, total = np.zeros(count), 0.0
     for exists in itertools.product((False, True), repeat=tracks):
         alive = np.flatnonzero(exists)
-        pairs = list(itertools.combinations(alive, 2))
+        pairs = [pair for pair in itertools.combinations(alive, 2) if linked[pair] > 0.0]
         prior = np.prod(np.where(exists, given.existence, 1.0 - given.existence))
         for links in itertools.product((False, True), repeat=len(pairs)):
             groups = components(alive, itertools.compress(pairs, links))

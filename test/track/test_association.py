@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Gating, likelihoods and joint association against closed forms and enumeration."""
 
-from lowsnr_track.association import associate
-from lowsnr_track.association import association_probabilities
-from lowsnr_track.association import gate
-from lowsnr_track.association import log_likelihoods
-from lowsnr_track.association import sum_over_tracks
-from lowsnr_track.joint_association import clusters
-from lowsnr_track.joint_association import log_exclusion
+from lowsnr_track.data_association.association import associate
+from lowsnr_track.data_association.association import association_probabilities
+from lowsnr_track.data_association.association import gate
+from lowsnr_track.data_association.association import log_likelihoods
+from lowsnr_track.data_association.association import sum_over_tracks
+from lowsnr_track.data_association.joint_association import clusters
+from lowsnr_track.data_association.joint_association import log_exclusion
 from lowsnr_track.measurements import Measurements
 from lowsnr_track.particles import equally_weighted
 import numpy as np
@@ -102,7 +102,7 @@ def test_joint_association_matches_enumeration(trial):
 @pytest.mark.parametrize('apart', [0.5, 1.0, 2.0, 3.0])
 def test_large_cluster_is_approximated(monkeypatch, apart):
     """Four objects in a line, so many errors of a detection apart: the largest errors of beta."""
-    monkeypatch.setattr('lowsnr_track.joint_association._MAX_HYPOTHESES', 1)
+    monkeypatch.setattr('lowsnr_track.data_association.joint_association._MAX_HYPOTHESES', 1)
     error = []
     for trial in range(50):
         rng = np.random.default_rng(trial)

@@ -3,7 +3,7 @@
 
 from lowsnr_common.core.motion import MotionModes
 from lowsnr_track import track_kernels
-from lowsnr_track.association import likelihood_ratios
+from lowsnr_track.data_association.association import likelihood_ratios
 from lowsnr_track.measurements import Measurements
 from lowsnr_track.particles import normalised
 from lowsnr_track.particles import paired_noise

@@ -50,7 +50,7 @@ class DetectionModel:
         'the next frame; half of it a frame later', ge=0.0, lt=1.0, live=True)
     resolution: float = setting(
         0.0, 'resolution: cells along each axis within which the detector declares two objects '
-        'once, so that tracks as near may share a detection; 0 for never', ge=0.0, le=50.0)
+        'once, so that tracks as near may share a detection; 0 for never', ge=0.0)
     use_scores: bool = setting(
         True, 'whether a detection counts more the better its score is')
     score_limit: float = setting(

@@ -23,7 +23,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from lowsnr_common.core.particles import log_sum_exp
-from lowsnr_track import association
+from lowsnr_track.data_association import association
 from lowsnr_track.measurements import Measurements
 from lowsnr_track.particles import Particles
 from lowsnr_track.tracks import MAX_EXISTENCE

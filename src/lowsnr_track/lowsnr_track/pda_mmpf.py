@@ -8,7 +8,7 @@ and "detection j is" are mixed, and the particles are resampled once, after mixi
 gates share detections are associated jointly.  The existence probability ``P(chi_k | Z^k)`` of
 each track follows from the same sums, as in integrated PDA (Musicki, Evans and Stankovic 1994),
 and decides over birth, confirmation and deletion.  :meth:`PdaMmpf.step` is the algorithm;
-:mod:`lowsnr_track.association` has the formula of the association probabilities.
+:mod:`lowsnr_track.data_association.association` has the formula of the association probabilities.
 """
 
 from __future__ import annotations
@@ -26,9 +26,10 @@ from lowsnr_common.core.records import Estimate
 from lowsnr_common.settings.declare import check_settings
 from lowsnr_common.settings.declare import fixed
 from lowsnr_common.settings.declare import setting
-from lowsnr_track import association
 from lowsnr_track import mmpf
-from lowsnr_track import unresolved
+from lowsnr_track.data_association import association
+from lowsnr_track.data_association import unresolved
+from lowsnr_track.data_association.candidates import candidates
 from lowsnr_track.detection_model import DetectionModel
 from lowsnr_track.detector_memory import detector_memory
 from lowsnr_track.detector_memory import weigh_endings
@@ -201,7 +202,7 @@ class PdaMmpf:
         endings = weigh_endings(
             model, detector_memory(model.probability, self.frames_per_detection, snr),
             tracks, measured.score, gated)
-        found = unresolved.associate(unresolved.Candidates(
+        found = unresolved.associate(candidates(
             tracks.particles, measured, tracks.followed, endings.detected, scale * endings.ratio,
             gated), model.resolution * self.sensor.cell_size_m)
         return update(tracks, found.log_ratio, found.beta, endings, self._repeated), found.share

@@ -15,7 +15,8 @@ For track t, with predicted particles x_n of weights w_n and the predicted exist
 - L_tj(x): likelihood ratio of detection j, "of an object in state x" against "false".
 - psi_tj: odds of "the object exists and caused detection j" against "it caused none".
 - nu_tj in (0, 1]: by how much the other tracks reduce these odds, because a detection belongs to
-  one track at most (:mod:`lowsnr_track.joint_association`); 1 for a track on its own.
+  one track at most (:mod:`lowsnr_track.data_association.joint_association`); 1 for a track on its
+  own.
 - beta_tj: probability that the object exists and caused detection j; the sums run over the gate.
 
 With one track and pi = 1 these are the beta_j of probabilistic data association (Bar-Shalom, Li
@@ -33,10 +34,12 @@ from __future__ import annotations
 from lowsnr_common.core.motion import POS
 from lowsnr_common.core.particles import log_sum_exp
 from lowsnr_track import track_kernels
-from lowsnr_track.joint_association import log_exclusion
+from lowsnr_track.data_association.joint_association import log_exclusion
 from lowsnr_track.measurements import Measurements
 from lowsnr_track.particles import Particles
 import numpy as np
+
+_LEAST_LOG = float(np.log(np.finfo(float).tiny))  # of a probability that is 0
 
 
 def gate(
@@ -196,10 +199,11 @@ def associate(
 
     """
     with np.errstate(divide='ignore'):
-        log_psi = np.log(mean) + (np.log(existence) - np.log1p(-detected * existence))[:, None]
-    log_nu = log_exclusion(log_psi, gated)
-    mixture = track_kernels.mixtures(ratio, np.exp(log_nu), 1.0 - detected, gated)
-    return np.log(mixture, mixture), association_probabilities(log_psi, log_nu)
+        log_none = np.maximum(np.log1p(-detected * existence), _LEAST_LOG)
+        log_psi = np.log(mean) + (np.log(existence) - log_none)[:, None]
+        log_nu = log_exclusion(log_psi, gated)
+        mixture = track_kernels.mixtures(ratio, np.exp(log_nu), 1.0 - detected, gated)
+        return np.log(mixture, mixture), association_probabilities(log_psi, log_nu)
 
 
 def association_probabilities(log_psi: np.ndarray, log_nu: np.ndarray) -> np.ndarray:

@@ -11,14 +11,10 @@ hypotheses define
 
 the factor by which the other tracks reduce the odds of track t for detection j.
 
-Where objects may be unresolved, a hypothesis also says which tracks have an object, and which of
-these form groups that have a detection or none together (:mod:`lowsnr_track.unresolved`).
-:mod:`lowsnr_track.association` defines the other symbols.
+:mod:`lowsnr_track.data_association.association` defines the other symbols.
 """
 
 from __future__ import annotations
-
-from collections.abc import Iterator
 
 from lowsnr_common.core.particles import log_sum_exp
 import numpy as np
@@ -133,7 +129,7 @@ def log_marginals(log_psi: np.ndarray, gated: np.ndarray) -> tuple[np.ndarray, n
 
 
 def _hypotheses(log_psi: np.ndarray, gated: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the column each track has in each hypothesis (H, T), and the log weights (H,)."""
+    """Return the column of each track in each hypothesis (H, T), and the log weights (H,)."""
     tracks = len(gated)
     choice = np.empty((1, 0), dtype=np.intp)
     used = np.full((1, tracks), _NONE)
@@ -171,80 +167,3 @@ def _belief_propagation(log_psi: np.ndarray, gated: np.ndarray) -> np.ndarray:
         if np.all(abs(nu - before) <= _TOLERANCE * nu):
             break
     return np.where(found, np.log(nu), 0.0)
-
-
-def group_hypotheses(gated: np.ndarray, linked: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """
-    Return the joint hypotheses of tracks that may be unresolved.
-
-    Parameters
-    ----------
-    gated : (T, G) ndarray of int
-        Detections in each gate, -1 for none.
-    linked : (T, T) ndarray
-        Probabilities that two objects are unresolved; 0 on the diagonal.
-
-    Returns
-    -------
-    (H, T) ndarray of int
-        First track of the group that each track is in; -1 where it has no object.
-    (H, T) ndarray of int
-        Detection of that group, -1 for none.
-
-    """
-    group = cause = np.empty((1, 0), dtype=np.intp)
-    for t in range(len(gated)):
-        every, found = np.arange(len(group)), gated[t][gated[t] >= 0]
-        options = [(every, _NONE, _NONE), (every, t, _NONE)]
-        options += [(np.flatnonzero((cause != j).all(axis=1)), t, j) for j in found]
-        for s in range(t):
-            near = (group[:, s] == s) & ((group == s) & (linked[t, :t] > 0.0)).any(axis=1)
-            options += [
-                (np.flatnonzero(near & (cause[:, s] == j)), s, j) for j in (_NONE, *found)]
-        parent, first, detection = zip(*options)
-        size, parents = [len(each) for each in parent], np.concatenate(parent)
-        group = np.column_stack([group[parents], np.repeat(first, size)])
-        cause = np.column_stack([cause[parents], np.repeat(detection, size)])
-    return group, cause
-
-
-def groups(
-    group: np.ndarray, cause: np.ndarray,
-) -> Iterator[tuple[list[int], int, np.ndarray]]:
-    """Yield the tracks of each group, its detection or -1, and the hypotheses with both."""
-    tracks = np.arange(group.shape[1])
-    for s in tracks:
-        within = np.flatnonzero(group[:, s] == s)
-        members = (group[within] == s) @ 2**tracks
-        key = np.stack([members, cause[within, s]])
-        values, which = np.unique(key, axis=1, return_inverse=True)
-        for n, (code, j) in enumerate(values.T.tolist()):
-            yield np.flatnonzero(code >> tracks & 1).tolist(), j, within[which.ravel() == n]
-
-
-def log_group_prior(
-    group: np.ndarray, existence: np.ndarray, linked: np.ndarray,
-) -> np.ndarray:
-    """Return the log prior of groups (H, T), from pi_t (T,) and the links (T, T)."""
-    unique, which = np.unique(group, axis=0, return_inverse=True)
-    exists = unique >= 0
-    apart = exists[:, :, None] & exists[:, None] & (unique[:, :, None] != unique[:, None])
-    with np.errstate(divide='ignore'):
-        log_prior = np.log(np.where(exists, existence, 1.0 - existence)).sum(axis=1)
-        log_prior += np.log1p(np.where(np.triu(apart), -linked, 0.0)).sum(axis=(1, 2))
-        for n, row in enumerate(unique):
-            for s in np.unique(row[row >= 0]):
-                log_prior[n] += np.log(connected_probability(linked, np.flatnonzero(row == s)))
-    prior: np.ndarray = log_prior[which.ravel()]
-    return prior
-
-
-def connected_probability(linked: np.ndarray, members: np.ndarray) -> float:
-    """Return the probability that links (T, T) connect the members (n,) of a group."""
-    apart, (first, *rest) = 0.0, members.tolist()
-    for code in range(2**len(rest) - 1):
-        part = [first] + [t for n, t in enumerate(rest) if code >> n & 1]
-        others = [t for t in rest if t not in part]
-        apart += connected_probability(linked, np.array(part)) * float(
-            np.prod(1.0 - linked[np.ix_(part, others)]))
-    return 1.0 - apart

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which detection is of which track: gating, association and joint association."""
