@@ -218,5 +218,5 @@ def _tuned(
 
 def _code_digest() -> str:
     own = [Path(__file__), Path(empty_tracks.__file__)]
-    files = [*own, *sorted(Path(lowsnr_track.__path__[0]).glob('*.py'))]
+    files = [*own, *sorted(Path(lowsnr_track.__path__[0]).rglob('*.py'))]
     return hashlib.sha256(b''.join(path.read_bytes() for path in files)).hexdigest()

@@ -19,7 +19,7 @@ from lowsnr_track.data_association.group_hypotheses import Groups
 from lowsnr_track.measurements import Measurements
 from lowsnr_track.particles import Particles
 import numpy as np
-from scipy.special import ndtr
+import scipy
 
 _NONE = -1
 # Tracks that are unresolved with a smaller probability are taken as resolved.
@@ -79,8 +79,9 @@ class Candidates:
             np.diagonal(self.measured.cov, axis1=-2, axis2=-1), axis=0)
         distance = abs(mean[:, None] - mean)
         std = np.sqrt(variance[:, None] + variance)
-        near: np.ndarray = np.prod(
-            ndtr((reach_m - distance) / std) - ndtr((-reach_m - distance) / std), axis=-1)
+        above, below = (
+            scipy.special.ndtr((edge - distance) / std) for edge in (reach_m, -reach_m))
+        near: np.ndarray = np.prod(above - below, axis=-1)
         near[near < _NEGLIGIBLE] = 0.0
         np.fill_diagonal(near, 0.0)
         return near
