@@ -101,8 +101,10 @@ def followed(data: Any, frames: Any, options: Any) -> tuple[list[Any], list[Any]
     from lowsnr_common.core.measurement import SensorModel
     from lowsnr_common.core.streams import stream
     from lowsnr_detect.adaptive.adaptive_detector import AdaptiveDetector
+    from lowsnr_detect.parts.cell_detector import resolution_of
     from lowsnr_detect.parts.registry import detector_class
     from lowsnr_sensor.conditioning.conditioner import ConditioningSettings
+    from lowsnr_track.detection_model import DetectionModel
     from lowsnr_track.pda_mmpf import PdaMmpf
     import numpy as np
 
@@ -112,7 +114,8 @@ def followed(data: Any, frames: Any, options: Any) -> tuple[list[Any], list[Any]
     plain = kind(sensor=SensorModel(snr_db=options.snr))
     detector = AdaptiveDetector(plain, options.prob, shape)
     tracker = PdaMmpf(
-        rows=shape[0], cols=shape[1], frames_per_detection=plain.frames_per_declaration)
+        rows=shape[0], cols=shape[1], frames_per_detection=plain.frames_per_declaration,
+        detection=DetectionModel(resolution=resolution_of(plain)))
     times = np.asarray(data.get('t_s', np.arange(len(frames))), float)
     stamps = 1.0 + times / np.median(np.diff(times))
     rng = stream(0, 'tracker')

@@ -19,7 +19,9 @@ from lowsnr_common.settings.flat_values import changed
 from lowsnr_common.settings.node_settings import DetectionSettings
 from lowsnr_detect.calibration.operating_point import calibrated
 from lowsnr_detect.detectors.sdt import SDT
+from lowsnr_detect.parts.cell_detector import resolution_of
 from lowsnr_sensor.scenario import load_scenario
+from lowsnr_track.detection_model import DetectionModel
 from lowsnr_track.pda_mmpf import PdaMmpf
 import numpy as np
 from scipy.special import expit
@@ -46,7 +48,8 @@ def main() -> None:
         plain, threshold=calibrated(plain, DETECTOR_ALARMS, scenario.shape).threshold)
     fixed = PdaMmpf(
         sensor=sensor, rows=scenario.rows, cols=scenario.cols,
-        frames_per_detection=detector.frames_per_declaration)
+        frames_per_detection=detector.frames_per_declaration,
+        detection=DetectionModel(resolution=resolution_of(detector)))
     trackers = {'fixed': fixed}
     for rate in RATES:
         asked = changed(fixed, {'life.false_tracks': rate})
