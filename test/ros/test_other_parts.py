@@ -134,16 +134,36 @@ def test_nodes_of_a_part_that_is_away_may_come_in_another_part(rest):
     assert rest.state(SENSOR) == ACTIVE
 
 
+def hear_until(rest, condition):
+    """Take reports until a condition holds."""
+    until = time.monotonic() + 60.0
+    while not condition():
+        assert time.monotonic() < until
+        for topic, message in rest.take():
+            assert topic == PARTS
+            rest.hear(message)
+
+
 def test_parts_hear_each_other_whoever_comes_first(rest):
     with ExitStack() as stack:
         most = OtherParts(stack.enter_context(bringup_node(MOST.manager)), MOST)
         most.report(REPORT)
-        until = time.monotonic() + 60.0
-        while not rest.running:
-            assert time.monotonic() < until
-            for topic, message in rest.take():
-                assert topic == PARTS
-                rest.hear(message)
+        hear_until(rest, lambda: rest.running)
+
+
+def test_end_is_heard_by_a_part_that_reports_before_it_listens(rest):
+    with ExitStack() as stack:
+        most = OtherParts(stack.enter_context(bringup_node(MOST.manager)), MOST)
+        most.report(REPORT)
+        hear_until(rest, lambda: rest.running)
+        most.report(replace(REPORT, stage=ENDED))
+        most.leave()  # all who listen have received it
+        own = PartReport('/bringup_sdt_detector', REST.options, RUNNING, nodes={
+            '/sdt_detector': NodeReport(ACTIVE)})
+        for restarts in range(5):
+            rest.report(replace(own, nodes={'/sdt_detector': NodeReport(ACTIVE, restarts)}))
+            rest.leave()
+    hear_until(rest, lambda: rest.over)
 
 
 def test_whole_run_says_and_hears_nothing(rest):

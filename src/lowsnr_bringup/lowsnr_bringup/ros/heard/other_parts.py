@@ -44,9 +44,11 @@ AWAY_AFTER_S = 5.0
 _HEARD_WITHIN_S, _LOOK_EVERY_S = 1.0, 0.02
 _FRAMES = 1000
 _ACKNOWLEDGED = Duration(seconds=2)
-# Whoever comes late gets the newest report of each part.
-_NEWEST = QoSProfile(
-    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+# Whoever comes late gets the newest report of each part.  A reader has one queue for all parts,
+# itself included: a report must not push that of another part out of it.
+_NEWEST, _OF_ALL = (
+    QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE,
+               durability=DurabilityPolicy.TRANSIENT_LOCAL) for depth in (1, _FRAMES))
 
 
 class OtherParts:
@@ -92,7 +94,8 @@ class OtherParts:
         if 'evaluator' in names:
             topics[SCORED] = DiagnosticArray, reliable(_FRAMES)
         self._subscriptions = {
-            topic: node.create_subscription(kind, topic, lambda _: None, qos)
+            topic: node.create_subscription(
+                kind, topic, lambda _: None, _OF_ALL if topic == PARTS else qos)
             for topic, (kind, qos) in topics.items()}
 
     def take(self) -> Iterator[tuple[str, Any]]:
